@@ -1,0 +1,15 @@
+# Aravis as a target. Debian's aravis-0.8.pc asks for libusb's development files, which libaravis-dev does not bring,
+# so the library is found by name and only its own dependencies by pkg-config.
+find_package(PkgConfig REQUIRED)
+pkg_check_modules(GOBJECT IMPORTED_TARGET gobject-2.0 gio-2.0)
+find_path(ARAVIS_INCLUDE_DIR arv.h PATH_SUFFIXES aravis-0.8)
+find_library(ARAVIS_LIBRARY aravis-0.8)
+if(ARAVIS_INCLUDE_DIR AND ARAVIS_LIBRARY AND GOBJECT_FOUND)
+  add_library(tagdock_aravis INTERFACE)
+  target_include_directories(tagdock_aravis SYSTEM INTERFACE ${ARAVIS_INCLUDE_DIR})
+  target_link_libraries(tagdock_aravis INTERFACE ${ARAVIS_LIBRARY} PkgConfig::GOBJECT)
+  add_library(Aravis::aravis ALIAS tagdock_aravis)
+  message(STATUS "Aravis: ${ARAVIS_LIBRARY}")
+else()
+  message(WARNING "Aravis not found: a GigE camera cannot be opened or simulated by this build")
+endif()

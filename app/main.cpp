@@ -1,0 +1,25 @@
+// Dispatches to a verb, catches once, sets the exit code; nothing else.
+#include <exception>
+#include <iostream>
+
+#include "app/failure.h"
+#include "app/verbs.h"
+
+int main(int argc, char** argv) {
+  using namespace tagdock;
+  CLI::App program("Docks a mobile robot at its station with one camera and AprilTags.", "tagdock");
+  program.require_subcommand(1);
+  Action action;
+  try {
+    program.parse(argc, argv);
+    return action();
+  } catch (const CLI::ParseError& error) {
+    return program.exit(error) == 0 ? 0 : static_cast<int>(ExitCode::usage);
+  } catch (const Failure& failure) {
+    std::cerr << "tagdock: " << failure.what() << "\n";
+    return static_cast<int>(failure.code());
+  } catch (const std::exception& error) {
+    std::cerr << "tagdock: internal error: " << error.what() << "\n";
+    return static_cast<int>(ExitCode::internal);
+  }
+}

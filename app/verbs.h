@@ -1,0 +1,19 @@
+#pragma once
+
+#include <functional>
+
+#include <CLI/CLI.hpp>
+
+namespace tagdock {
+
+/// What a verb does once its arguments are read; gives the exit code (app/failure.h) or throws Failure.
+using Action = std::function<int()>;
+
+/// Each adds its verb with options and help to the program, and sets `action` when the command line chose it.
+void add_plan(CLI::App& program, Action& action);
+void add_detect(CLI::App& program, Action& action);
+void add_dock(CLI::App& program, Action& action);
+void add_replay(CLI::App& program, Action& action);
+void add_doctor(CLI::App& program, Action& action);
+
+}  // namespace tagdock

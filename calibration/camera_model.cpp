@@ -1,0 +1,91 @@
+#include "calibration/camera_model.h"
+
+#include <cmath>
+#include <stdexcept>
+#include <string>
+
+#include <Eigen/LU>
+
+namespace tagdock {
+namespace {
+
+struct Bent {
+  Eigen::Vector2d point;
+  Eigen::Matrix2d by_ideal;
+};
+
+Bent bend(const CameraModel& camera, const Eigen::Vector2d& ideal) {
+  const double x = ideal.x();
+  const double y = ideal.y();
+  const double r2 = x * x + y * y;
+  const double top = 1.0 + r2 * (camera.k1 + r2 * (camera.k2 + r2 * camera.k3));
+  const double bottom = 1.0 + r2 * (camera.k4 + r2 * (camera.k5 + r2 * camera.k6));
+  const double top_by_r2 = camera.k1 + r2 * (2.0 * camera.k2 + 3.0 * r2 * camera.k3);
+  const double bottom_by_r2 = camera.k4 + r2 * (2.0 * camera.k5 + 3.0 * r2 * camera.k6);
+  const double radial = top / bottom;
+  const double radial_by_r2 = (top_by_r2 - radial * bottom_by_r2) / bottom;
+  Bent bent;
+  bent.point = {x * radial + 2.0 * camera.p1 * x * y + camera.p2 * (r2 + 2.0 * x * x),
+                y * radial + camera.p1 * (r2 + 2.0 * y * y) + 2.0 * camera.p2 * x * y};
+  const double cross = 2.0 * x * y * radial_by_r2 + 2.0 * camera.p1 * x + 2.0 * camera.p2 * y;
+  bent.by_ideal << radial + 2.0 * x * x * radial_by_r2 + 2.0 * camera.p1 * y + 6.0 * camera.p2 * x, cross, cross,
+      radial + 2.0 * y * y * radial_by_r2 + 6.0 * camera.p1 * y + 2.0 * camera.p2 * x;
+  return bent;
+}
+
+}  // namespace
+
+Eigen::Vector2d distort(const CameraModel& camera, const Eigen::Vector2d& ideal) { return bend(camera, ideal).point; }
+
+std::optional<Eigen::Vector2d> undistort(const CameraModel& camera, const Eigen::Vector2d& distorted) {
+  Eigen::Vector2d ideal = distorted;
+  for (int i = 0; i < 50; ++i) {
+    const Bent bent = bend(camera, ideal);
+    const Eigen::Vector2d error = bent.point - distorted;
+    const double determinant = bent.by_ideal.determinant();
+    if (!std::isfinite(determinant) || determinant <= 0.0) return std::nullopt;  // the lens model folds over here
+    const Eigen::Vector2d step = bent.by_ideal.inverse() * error;
+    ideal -= step;
+    if (step.squaredNorm() < 1e-26 * (1.0 + ideal.squaredNorm())) return ideal;
+  }
+  return (bend(camera, ideal).point - distorted).norm() < 1e-12 * (1.0 + distorted.norm()) ? std::optional(ideal)
+                                                                                           : std::nullopt;
+}
+
+Eigen::Vector2d project(const CameraModel& camera, const Eigen::Vector3d& point_camera) {
+  const Eigen::Vector2d bent = distort(camera, point_camera.head<2>() / point_camera.z());
+  return {camera.fx * bent.x() + camera.cx, camera.fy * bent.y() + camera.cy};
+}
+
+Projection project_with_jacobian(const CameraModel& camera, const Eigen::Vector3d& point_camera) {
+  const double inverse_depth = 1.0 / point_camera.z();
+  const Eigen::Vector2d ideal = point_camera.head<2>() * inverse_depth;
+  const Bent bent = bend(camera, ideal);
+  Eigen::Matrix<double, 2, 3> ideal_by_point;
+  ideal_by_point << inverse_depth, 0.0, -ideal.x() * inverse_depth, 0.0, inverse_depth, -ideal.y() * inverse_depth;
+  const Eigen::Vector2d focal(camera.fx, camera.fy);
+  return {{camera.fx * bent.point.x() + camera.cx, camera.fy * bent.point.y() + camera.cy},
+          focal.asDiagonal() * bent.by_ideal * ideal_by_point};
+}
+
+std::optional<Eigen::Vector2d> unproject(const CameraModel& camera, const Eigen::Vector2d& pixel) {
+  return undistort(camera, {(pixel.x() - camera.cx) / camera.fx, (pixel.y() - camera.cy) / camera.fy});
+}
+
+double horizontal_view(const CameraModel& camera) {
+  return std::atan(camera.cx / camera.fx) + std::atan((camera.width - 1 - camera.cx) / camera.fx);
+}
+
+void check(const CameraModel& camera) {
+  const auto refuse = [](const std::string& what) { throw std::invalid_argument(what); };
+  if (camera.width < 1 || camera.height < 1 || camera.width > 65536 || camera.height > 65536)
+    refuse("image size " + std::to_string(camera.width) + "x" + std::to_string(camera.height) +
+           " is not between 1x1 and 65536x65536");
+  if (!(camera.fx > 0.0 && camera.fy > 0.0 && std::isfinite(camera.fx) && std::isfinite(camera.fy)))
+    refuse("focal lengths fx, fy must be positive and finite");
+  for (const double value :
+       {camera.cx, camera.cy, camera.k1, camera.k2, camera.p1, camera.p2, camera.k3, camera.k4, camera.k5, camera.k6})
+    if (!std::isfinite(value)) refuse("principal point and distortion must be finite numbers");
+}
+
+}  // namespace tagdock
