@@ -1,0 +1,361 @@
+#include "app/session.h"
+
+#include <algorithm>
+#include <charconv>
+#include <cinttypes>
+#include <cstdio>
+#include <map>
+#include <sstream>
+#include <zlib.h>
+
+#include <opencv2/imgcodecs.hpp>
+
+#include "app/failure.h"
+
+namespace tagdock {
+namespace {
+
+constexpr std::uintmax_t free_at_start = 2'000'000'000;  // HOUSE.md: a recording does not start with less
+constexpr std::uintmax_t free_at_end = 500'000'000;      // and ends here
+constexpr std::size_t longest_queue = 30;                // frames: one second, 39 MB at 1280x1024
+constexpr std::size_t check_disk_every = 50'000'000;     // bytes written between two looks at the free space
+
+constexpr std::array<const char*, 5> stream_files = {"odometry.csv", "sightings.csv", "commands.csv", "phases.csv",
+                                                     "events.csv"};
+constexpr const char* frames_header =
+    "#timestamp [ns],filename,frame_id,t_camera_ns,t_host_ns,exposure_us,gain,lost_before,crc32";
+
+std::uint32_t checksum(const cv::Mat1b& gray) {
+  uLong crc = ::crc32(0L, Z_NULL, 0);
+  for (int row = 0; row < gray.rows; ++row) crc = ::crc32(crc, gray.ptr(row), static_cast<uInt>(gray.cols));
+  return static_cast<std::uint32_t>(crc);
+}
+
+std::string number(double value) {
+  char text[32];
+  std::snprintf(text, sizeof text, "%.17g", value);
+  return text;
+}
+
+std::vector<std::string> split(const std::string& text) {
+  std::vector<std::string> fields;
+  std::string::size_type begin = 0;
+  while (true) {
+    const auto end = text.find(',', begin);
+    fields.push_back(text.substr(begin, end == std::string::npos ? end : end - begin));
+    if (end == std::string::npos) return fields;
+    begin = end + 1;
+  }
+}
+
+template <class Number>
+bool parse(const std::string& text, Number& value) {
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
+  return error == std::errc() && end == text.data() + text.size();
+}
+
+bool parse_ns(const std::string& text, std::chrono::nanoseconds& value) {
+  std::int64_t count = 0;
+  if (!parse(text, count)) return false;
+  value = std::chrono::nanoseconds(count);
+  return true;
+}
+
+bool parse(const std::string& text, Odometry& odometry) {
+  const auto fields = split(text);
+  return fields.size() >= 6 && parse_ns(fields[0], odometry.time) && parse(fields[1], odometry.T_odom_base.x) &&
+         parse(fields[2], odometry.T_odom_base.y) && parse(fields[3], odometry.T_odom_base.yaw) &&
+         parse(fields[4], odometry.velocity.linear) && parse(fields[5], odometry.velocity.angular);
+}
+
+bool parse(const std::string& text, TickRecord& tick) {
+  const auto fields = split(text);
+  if (fields.size() < 8 || !parse_ns(fields[0], tick.time) || !parse(fields[1], tick.command.linear) ||
+      !parse(fields[2], tick.command.angular) || !parse(fields[5], tick.odometry_read))
+    return false;
+  tick.phase = fields[3];
+  if (!fields[4].empty()) {
+    std::uint64_t frame = 0;
+    if (!parse(fields[4], frame)) return false;
+    tick.frame = frame;
+  }
+  tick.camera = fields[6];
+  tick.request = fields[7];
+  return true;
+}
+
+bool parse(const std::string& text, RecordedFrame& frame) {
+  const auto fields = split(text);
+  if (fields.size() < 9 || !parse_ns(fields[0], frame.time) || !parse(fields[2], frame.number) ||
+      !parse_ns(fields[3], frame.camera_time) || !parse_ns(fields[4], frame.arrived) ||
+      !parse(fields[5], frame.exposure_us) || !parse(fields[6], frame.gain) || !parse(fields[7], frame.lost_before) ||
+      !parse(fields[8], frame.crc32))
+    return false;
+  frame.file = fields[1];
+  return true;
+}
+
+// The complete lines of a stream; a last line without its end is a record that was being written in a crash.
+std::vector<std::string> lines_of(const std::filesystem::path& file, std::vector<std::string>& remarks) {
+  std::vector<std::string> lines;
+  std::ifstream stream(file, std::ios::binary);
+  if (!stream) {
+    remarks.push_back(file.filename().string() + " is missing");
+    return lines;
+  }
+  std::string text;
+  bool first = true;
+  while (std::getline(stream, text)) {
+    if (stream.eof()) {
+      if (!text.empty()) remarks.push_back(file.filename().string() + ": the last line is cut short and left out");
+      break;
+    }
+    if (!text.empty() && text.back() == '\r') text.pop_back();
+    if (!first) lines.push_back(text);
+    first = false;
+  }
+  return lines;
+}
+
+}  // namespace
+
+std::string header(SessionStream stream) {
+  switch (stream) {
+    case SessionStream::odometry:
+      return "time_ns,x,y,yaw,linear,angular";
+    case SessionStream::sightings:
+      return "time_ns,frame,result,tx,ty,tz,qx,qy,qz,qw,rms_px,chi2,log_odds,tags,unrefined,s00,s01,s02,s03,s04,s05,"
+             "s11,s12,s13,s14,s15,s22,s23,s24,s25,s33,s34,s35,s44,s45,s55";
+    case SessionStream::commands:
+      return "time_ns,linear,angular,phase,frame,odometry_read,camera,request";
+    case SessionStream::phases:
+      return "time_ns,from,to,reason";
+    case SessionStream::events:
+      return "time_ns,text";
+  }
+  return "";
+}
+
+std::string line(const TickRecord& tick) {
+  return std::to_string(tick.time.count()) + "," + number(tick.command.linear) + "," + number(tick.command.angular) +
+         "," + tick.phase + "," + (tick.frame ? std::to_string(*tick.frame) : "") + "," +
+         std::to_string(tick.odometry_read) + "," + tick.camera + "," + tick.request;
+}
+
+std::string line(const Odometry& odometry) {
+  return std::to_string(odometry.time.count()) + "," + number(odometry.T_odom_base.x) + "," +
+         number(odometry.T_odom_base.y) + "," + number(odometry.T_odom_base.yaw) + "," +
+         number(odometry.velocity.linear) + "," + number(odometry.velocity.angular);
+}
+
+SessionRecorder::SessionRecorder(const std::filesystem::path& folder, const std::string& session_yaml,
+                                 const std::string& sensor_yaml, bool wait)
+    : folder_(folder), wait_(wait) {
+  const auto refuse = [&](const std::string& why) {
+    throw Failure(ExitCode::usage, "--record " + folder.string() + ": " + why);
+  };
+  std::error_code error;
+  if (std::filesystem::exists(folder_, error) &&
+      !(std::filesystem::is_directory(folder_, error) && std::filesystem::is_empty(folder_, error)))
+    refuse("exists and is not an empty folder; nothing recorded is ever overwritten, name a new one");
+  std::filesystem::create_directories(folder_ / "cam0" / "data", error);
+  if (error) refuse("cannot be created: " + error.message());
+  const auto space = std::filesystem::space(folder_, error);
+  if (!error && space.available < free_at_start)
+    refuse("only " + std::to_string(space.available / 1'000'000) + " MB are free there; a recording needs 2000 MB");
+  const auto write_whole = [&](const std::filesystem::path& file, const std::string& text) {
+    std::ofstream stream(file);
+    stream << text << std::flush;
+    if (!stream) refuse(file.filename().string() + " cannot be written");
+  };
+  write_whole(folder_ / "session.yaml", session_yaml);
+  write_whole(folder_ / "cam0" / "sensor.yaml", sensor_yaml);
+  frames_csv_.open(folder_ / "cam0" / "data.csv", std::ios::binary);
+  frames_csv_ << frames_header << "\n" << std::flush;
+  bool good = static_cast<bool>(frames_csv_);
+  for (std::size_t i = 0; i < streams_.size(); ++i) {
+    streams_[i].open(folder_ / stream_files[i], std::ios::binary);
+    streams_[i] << header(static_cast<SessionStream>(i)) << "\n" << std::flush;
+    good = good && streams_[i];
+  }
+  if (!good) refuse("its CSV files cannot be written");
+  thread_ = std::thread([this] { run(); });
+}
+
+SessionRecorder::~SessionRecorder() { finish(); }
+
+void SessionRecorder::frame(const CameraFrame& frame) {
+  std::unique_lock lock(mutex_);
+  if (gave_up_ || ending_) return;
+  if (queued_frames_ >= longest_queue) {
+    if (!wait_) {
+      ++health_.frames_dropped;
+      return;
+    }
+    taken_.wait(lock, [this] { return queued_frames_ < longest_queue || gave_up_; });
+  }
+  queue_.emplace_back(frame);
+  ++queued_frames_;
+  arrived_.notify_one();
+}
+
+void SessionRecorder::line(SessionStream stream, std::string text) {
+  const std::lock_guard lock(mutex_);
+  if (gave_up_ || ending_) return;
+  queue_.emplace_back(Line{stream, std::move(text)});
+  arrived_.notify_one();
+}
+
+void SessionRecorder::finish() {
+  {
+    const std::lock_guard lock(mutex_);
+    if (!ending_ && health_.frames_dropped > 0)
+      queue_.emplace_back(Line{SessionStream::events, "0," + std::to_string(health_.frames_dropped) +
+                                                          " frames were not recorded because the disk was too slow"});
+    ending_ = true;
+    arrived_.notify_one();
+  }
+  if (thread_.joinable()) thread_.join();
+}
+
+RecorderHealth SessionRecorder::health() const {
+  const std::lock_guard lock(mutex_);
+  return health_;
+}
+
+void SessionRecorder::run() {
+  while (true) {
+    std::deque<Item> items;
+    {
+      std::unique_lock lock(mutex_);
+      arrived_.wait(lock, [this] { return !queue_.empty() || ending_; });
+      if (queue_.empty()) break;
+      // One frame at a time, with the lines before it, so that a full queue empties as the disk goes.
+      while (!queue_.empty()) {
+        const bool frame = std::holds_alternative<CameraFrame>(queue_.front());
+        items.push_back(std::move(queue_.front()));
+        queue_.pop_front();
+        if (frame) {
+          --queued_frames_;
+          break;
+        }
+      }
+      taken_.notify_all();
+    }
+    for (const Item& item : items) std::visit([this](const auto& what) { write(what); }, item);
+    for (std::ofstream& stream : streams_) stream.flush();
+    const std::lock_guard lock(mutex_);
+    if (gave_up_) break;
+  }
+}
+
+void SessionRecorder::write(const CameraFrame& frame) {
+  const cv::Mat1b& gray = frame.frame.gray;
+  char name[32];
+  std::snprintf(name, sizeof name, "I%06" PRIu64 ".pgm", next_file_);
+  std::FILE* file = std::fopen((folder_ / "cam0" / "data" / name).c_str(), "wb");
+  bool good = file != nullptr;
+  if (good) {
+    good = std::fprintf(
+               file, "P5\n# tagdock 1 seq=%" PRIu64 " t_ns=%" PRId64 " id=%" PRIu64 " exp_us=%g gain=%g\n%d %d\n255\n",
+               next_file_, static_cast<std::int64_t>(frame.frame.time.count()), frame.frame.number, frame.exposure_us,
+               frame.gain, gray.cols, gray.rows) > 0;
+    for (int row = 0; good && row < gray.rows; ++row)
+      good = std::fwrite(gray.ptr(row), 1, static_cast<std::size_t>(gray.cols), file) ==
+             static_cast<std::size_t>(gray.cols);
+    good = std::fclose(file) == 0 && good;
+  }
+  if (!good) return give_up(std::string("cannot write ") + name + "; recording ended, the docking goes on");
+  std::ostringstream text;
+  text << frame.frame.time.count() << "," << name << "," << frame.frame.number << "," << frame.camera_time.count()
+       << "," << frame.arrived.count() << "," << number(frame.exposure_us) << "," << number(frame.gain) << ","
+       << frame.lost_before << "," << checksum(gray) << "\n";
+  frames_csv_ << text.str() << std::flush;  // one write of one whole line
+  if (!frames_csv_) return give_up("cannot write cam0/data.csv; recording ended, the docking goes on");
+  ++next_file_;
+  bytes_since_check_ += gray.total();
+  const std::lock_guard lock(mutex_);
+  ++health_.frames_written;
+  if (bytes_since_check_ < check_disk_every) return;
+  bytes_since_check_ = 0;
+  std::error_code error;
+  const auto space = std::filesystem::space(folder_, error);
+  if (error || space.available >= free_at_end) return;
+  gave_up_ = true;
+  health_.warning = "less than 500 MB are left on the disk; recording ended, the docking goes on";
+  taken_.notify_all();
+}
+
+void SessionRecorder::write(const Line& line) {
+  std::ofstream& stream = streams_[static_cast<std::size_t>(line.stream)];
+  stream << line.text << "\n";
+  if (!stream)
+    give_up(std::string("cannot write ") + stream_files[static_cast<std::size_t>(line.stream)] +
+            "; recording ended, the docking goes on");
+}
+
+void SessionRecorder::give_up(const std::string& sentence) {
+  const std::lock_guard lock(mutex_);
+  gave_up_ = true;
+  health_.warning = sentence;
+  taken_.notify_all();
+}
+
+Session read_session(const std::filesystem::path& folder) {
+  Session session;
+  session.folder = folder;
+  std::ifstream yaml(folder / "session.yaml");
+  if (!yaml) throw Failure(ExitCode::usage, folder.string() + ": no session.yaml in it, so not a session folder");
+  std::stringstream text;
+  text << yaml.rdbuf();
+  session.session_yaml = text.str();
+
+  for (const std::string& row : lines_of(folder / "cam0" / "data.csv", session.remarks)) {
+    RecordedFrame frame;
+    if (!parse(row, frame) || frame.file.has_parent_path()) {
+      session.remarks.push_back("cam0/data.csv: not a line of ours: " + row);
+      continue;
+    }
+    frame.file = folder / "cam0" / "data" / frame.file;
+    std::error_code error;
+    if (!std::filesystem::is_regular_file(frame.file, error)) {
+      session.remarks.push_back(frame.file.filename().string() + " is missing; its line is left out");
+      continue;
+    }
+    session.frames.push_back(frame);
+  }
+  const auto read = [&](SessionStream stream) {
+    return lines_of(folder / stream_files[static_cast<std::size_t>(stream)], session.remarks);
+  };
+  for (const std::string& row : read(SessionStream::odometry)) {
+    Odometry odometry;
+    if (parse(row, odometry))
+      session.odometry.push_back(odometry);
+    else
+      session.remarks.push_back("odometry.csv: not a line of ours: " + row);
+  }
+  session.commands = read(SessionStream::commands);
+  for (const std::string& row : session.commands) {
+    TickRecord tick;
+    if (parse(row, tick))
+      session.ticks.push_back(tick);
+    else
+      session.remarks.push_back("commands.csv: not a line of ours: " + row);
+  }
+  session.sightings = read(SessionStream::sightings);
+  session.phases = read(SessionStream::phases);
+  return session;
+}
+
+Frame read_frame(const RecordedFrame& recorded) {
+  Frame frame;
+  frame.gray = cv::imread(recorded.file.string(), cv::IMREAD_GRAYSCALE);
+  if (frame.gray.empty()) throw Failure(ExitCode::usage, recorded.file.string() + ": cannot be read as an image");
+  if (checksum(frame.gray) != recorded.crc32)
+    throw Failure(ExitCode::usage, recorded.file.string() + ": its pixels differ from the checksum in data.csv");
+  frame.time = recorded.time;
+  frame.number = recorded.number;
+  return frame;
+}
+
+}  // namespace tagdock

@@ -1,0 +1,136 @@
+#pragma once
+
+#include <array>
+#include <chrono>
+#include <condition_variable>
+#include <cstdint>
+#include <deque>
+#include <filesystem>
+#include <fstream>
+#include <mutex>
+#include <optional>
+#include <string>
+#include <thread>
+#include <variant>
+#include <vector>
+
+#include "app/camera.h"
+#include "servo/robot.h"
+
+namespace tagdock {
+
+/// The text streams of a session folder besides the camera's.
+enum class SessionStream { odometry, sightings, commands, phases, events };
+
+/// First line of a stream's CSV file.
+std::string header(SessionStream stream);
+
+/// One control cycle: what went in, so that it can be repeated, and the command that came out.
+struct TickRecord {
+  std::chrono::nanoseconds time{0};
+  Twist2 command;
+  std::string phase;                   ///< after the cycle
+  std::optional<std::uint64_t> frame;  ///< number of the frame that was used in this cycle
+  std::size_t odometry_read = 0;       ///< how many odometry readings were used in this cycle
+  std::string camera = "ok";           ///< the camera's state word
+  std::string request = "none";        ///< what the operator asked
+
+  bool operator==(const TickRecord&) const = default;
+};
+
+std::string line(const TickRecord& tick);
+std::string line(const Odometry& odometry);
+
+struct RecorderHealth {
+  std::uint64_t frames_written = 0;
+  std::uint64_t frames_dropped = 0;  ///< because the disk was slower than the camera
+  std::string warning;               ///< a sentence when recording ended early; the docking goes on
+};
+
+/// Writes a session folder (CONTRACTS.md) from a thread of its own, so that the control loop never waits for the disk.
+/// Each frame is a file that describes itself; its CSV line follows when the file is complete, so a crash costs at most
+/// the frame that was being written. Recording ends, with a warning, when less than 500 MB are left.
+class SessionRecorder {
+ public:
+  /// Creates the folder and writes session.yaml first.
+  /// @param wait  let the caller wait for the disk instead of dropping frames (simulations without a clock)
+  /// Throws Failure(usage) when the folder exists and is not empty, cannot be written, or less than 2 GB are free.
+  SessionRecorder(const std::filesystem::path& folder, const std::string& session_yaml, const std::string& sensor_yaml,
+                  bool wait);
+  /// Writes what is queued and ends.
+  ~SessionRecorder();
+  SessionRecorder(const SessionRecorder&) = delete;
+  SessionRecorder& operator=(const SessionRecorder&) = delete;
+
+  void frame(const CameraFrame& frame);
+  void line(SessionStream stream, std::string text);
+
+  /// Writes what is queued, ends the thread; called by the destructor too.
+  void finish();
+
+  [[nodiscard]] RecorderHealth health() const;
+
+ private:
+  struct Line {
+    SessionStream stream;
+    std::string text;
+  };
+  using Item = std::variant<CameraFrame, Line>;
+
+  void run();
+  void write(const CameraFrame& frame);
+  void write(const Line& line);
+  void give_up(const std::string& sentence);
+
+  std::filesystem::path folder_;
+  bool wait_;
+  std::ofstream frames_csv_;
+  std::array<std::ofstream, 5> streams_;
+  std::uint64_t next_file_ = 0;
+  std::size_t bytes_since_check_ = 0;
+
+  mutable std::mutex mutex_;
+  std::condition_variable arrived_;
+  std::condition_variable taken_;
+  std::deque<Item> queue_;
+  std::size_t queued_frames_ = 0;
+  bool ending_ = false;
+  bool gave_up_ = false;
+  RecorderHealth health_;
+  std::thread thread_;
+};
+
+/// A frame as it lies in a session folder.
+struct RecordedFrame {
+  std::filesystem::path file;
+  std::chrono::nanoseconds time{0};
+  std::uint64_t number = 0;
+  std::chrono::nanoseconds camera_time{0};
+  std::chrono::nanoseconds arrived{0};
+  double exposure_us = 0.0;
+  double gain = 0.0;
+  std::uint64_t lost_before = 0;
+  std::uint32_t crc32 = 0;
+};
+
+/// A recorded session, read back. What is damaged is left out and said in `remarks`; nothing is repaired in place.
+struct Session {
+  std::filesystem::path folder;
+  std::string session_yaml;
+  std::vector<RecordedFrame> frames;
+  std::vector<Odometry> odometry;
+  std::vector<TickRecord> ticks;
+  std::vector<std::string> sightings;  ///< lines without the header
+  std::vector<std::string> commands;
+  std::vector<std::string> phases;
+  std::vector<std::string> remarks;
+};
+
+/// Throws Failure(usage) when the folder is no session.
+Session read_session(const std::filesystem::path& folder);
+
+/// Reads the pixels of a recorded frame.
+/// Throws Failure(usage) with the file's name when it is missing, cut short or differs from its checksum.
+Frame read_frame(const RecordedFrame& recorded);
+
+}  // namespace tagdock

@@ -1,0 +1,124 @@
+#include "app/session.h"
+
+#include <unistd.h>
+
+#include <catch2/catch.hpp>
+
+#include "app/failure.h"
+
+using namespace tagdock;
+using Catch::Matchers::Contains;
+
+namespace {
+
+// A folder of its own for each test, removed at the end.
+struct Scratch {
+  std::filesystem::path folder;
+  explicit Scratch(const std::string& name)
+      : folder(std::filesystem::temp_directory_path() / ("tagdock_" + name + "_" + std::to_string(::getpid()))) {
+    std::filesystem::remove_all(folder);
+  }
+  ~Scratch() { std::filesystem::remove_all(folder); }
+};
+
+CameraFrame frame(std::uint64_t number) {
+  CameraFrame frame;
+  frame.frame.gray = cv::Mat1b(48, 64);
+  for (int row = 0; row < 48; ++row)
+    for (int column = 0; column < 64; ++column)
+      frame.frame.gray(row, column) = static_cast<uchar>(7 * row + 3 * column + static_cast<int>(number));
+  frame.frame.time = std::chrono::milliseconds(40 * number);
+  frame.frame.number = number;
+  frame.exposure_us = 5000.0;
+  return frame;
+}
+
+}  // namespace
+
+TEST_CASE("what was recorded is read back to the last bit") {
+  const Scratch scratch("session");
+  const Odometry odometry{std::chrono::nanoseconds(123456789), {0.1, -1.0 / 3.0, 2e-17}, {0.05, -0.3}};
+  TickRecord tick{std::chrono::nanoseconds(20000000), {1.0 / 7.0, -0.0}, "servo", 3, 2, "ok", "none"};
+  {
+    SessionRecorder recorder(scratch.folder, "format: 1\n", "sensor_type: camera\n", true);
+    for (std::uint64_t number : {1U, 2U, 4U}) recorder.frame(frame(number));
+    recorder.line(SessionStream::odometry, line(odometry));
+    recorder.line(SessionStream::commands, line(tick));
+    tick.frame.reset();
+    recorder.line(SessionStream::commands, line(tick));
+    recorder.line(SessionStream::phases, "0,idle,acquire,started");
+  }
+  const Session session = read_session(scratch.folder);
+  CHECK(session.remarks.empty());
+  CHECK(session.session_yaml == "format: 1\n");
+  REQUIRE(session.frames.size() == 3);
+  for (std::size_t i = 0; i < 3; ++i) {
+    const Frame read = read_frame(session.frames[i]);
+    const Frame truth = frame(session.frames[i].number).frame;
+    CHECK(read.time == truth.time);
+    CHECK(cv::norm(read.gray, truth.gray, cv::NORM_INF) == 0.0);
+  }
+  REQUIRE(session.odometry.size() == 1);
+  CHECK(session.odometry[0] == odometry);
+  REQUIRE(session.ticks.size() == 2);
+  CHECK(session.ticks[0].frame == std::optional<std::uint64_t>(3));
+  CHECK(session.ticks[1] == tick);
+  CHECK(session.phases == std::vector<std::string>{"0,idle,acquire,started"});
+}
+
+TEST_CASE("a recording never overwrites, and an unwritable folder is refused with its name") {
+  const Scratch scratch("session_refusal");
+  { SessionRecorder recorder(scratch.folder, "", "", true); }
+  try {
+    SessionRecorder recorder(scratch.folder, "", "", true);
+    FAIL("a second recording into the same folder began");
+  } catch (const Failure& failure) {
+    CHECK(failure.code() == ExitCode::usage);
+    CHECK_THAT(failure.what(), Contains(scratch.folder.string()) && Contains("not an empty folder"));
+  }
+  try {
+    SessionRecorder recorder("/proc/nowhere/session", "", "", true);
+    FAIL("a recording began where nothing can be written");
+  } catch (const Failure& failure) {
+    CHECK(failure.code() == ExitCode::usage);
+    CHECK_THAT(failure.what(), Contains("/proc/nowhere/session"));
+  }
+}
+
+TEST_CASE("a session cut by a crash opens with all whole records, and says what is left out") {
+  const Scratch scratch("session_crash");
+  {
+    SessionRecorder recorder(scratch.folder, "format: 1\n", "", true);
+    for (std::uint64_t number = 0; number < 5; ++number) recorder.frame(frame(number));
+    recorder.line(SessionStream::odometry, "1,0,0,0,0,0");
+  }
+  std::ofstream(scratch.folder / "odometry.csv", std::ios::app) << "2,0.5,0";  // no end of line: cut short
+  std::filesystem::remove(scratch.folder / "cam0" / "data" / "I000004.pgm");
+  std::filesystem::resize_file(scratch.folder / "cam0" / "data" / "I000003.pgm", 700);
+  const Session session = read_session(scratch.folder);
+  CHECK(session.odometry.size() == 1);
+  REQUIRE(session.frames.size() == 4);
+  CHECK_NOTHROW(read_frame(session.frames[2]));
+  CHECK_THROWS_AS(read_frame(session.frames[3]), Failure);
+  CHECK(session.remarks.size() == 2);
+}
+
+TEST_CASE("a live recorder drops frames and counts them instead of waiting for the disk") {
+  const Scratch scratch("session_queue");
+  std::uint64_t given = 0;
+  RecorderHealth health;
+  {
+    SessionRecorder recorder(scratch.folder, "", "", false);
+    for (; given < 400; ++given) recorder.frame(frame(given));
+    recorder.finish();
+    health = recorder.health();
+  }
+  CHECK(health.frames_written + health.frames_dropped == given);
+  CHECK(read_session(scratch.folder).frames.size() == health.frames_written);
+}
+
+TEST_CASE("a folder without session.yaml is no session") {
+  const Scratch scratch("no_session");
+  std::filesystem::create_directories(scratch.folder);
+  CHECK_THROWS_AS(read_session(scratch.folder), Failure);
+}
