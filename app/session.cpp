@@ -70,7 +70,7 @@ bool parse(const std::string& text, Odometry& odometry) {
 
 bool parse(const std::string& text, TickRecord& tick) {
   const auto fields = split(text);
-  if (fields.size() < 8 || !parse_ns(fields[0], tick.time) || !parse(fields[1], tick.command.linear) ||
+  if (fields.size() < 10 || !parse_ns(fields[0], tick.time) || !parse(fields[1], tick.command.linear) ||
       !parse(fields[2], tick.command.angular) || !parse(fields[5], tick.odometry_read))
     return false;
   tick.phase = fields[3];
@@ -81,6 +81,8 @@ bool parse(const std::string& text, TickRecord& tick) {
   }
   tick.camera = fields[6];
   tick.request = fields[7];
+  tick.robot_linked = fields[8] == "linked";
+  tick.camera_sentence = fields[9];
   return true;
 }
 
@@ -127,7 +129,7 @@ std::string header(SessionStream stream) {
       return "time_ns,frame,result,tx,ty,tz,qx,qy,qz,qw,rms_px,chi2,log_odds,tags,unrefined,s00,s01,s02,s03,s04,s05,"
              "s11,s12,s13,s14,s15,s22,s23,s24,s25,s33,s34,s35,s44,s45,s55";
     case SessionStream::commands:
-      return "time_ns,linear,angular,phase,frame,odometry_read,camera,request";
+      return "time_ns,linear,angular,phase,frame,odometry_read,camera,request,robot,camera_sentence";
     case SessionStream::phases:
       return "time_ns,from,to,reason";
     case SessionStream::events:
@@ -139,7 +141,8 @@ std::string header(SessionStream stream) {
 std::string line(const TickRecord& tick) {
   return std::to_string(tick.time.count()) + "," + number(tick.command.linear) + "," + number(tick.command.angular) +
          "," + tick.phase + "," + (tick.frame ? std::to_string(*tick.frame) : "") + "," +
-         std::to_string(tick.odometry_read) + "," + tick.camera + "," + tick.request;
+         std::to_string(tick.odometry_read) + "," + tick.camera + "," + tick.request +
+         (tick.robot_linked ? ",linked," : ",broken,") + tick.camera_sentence;
 }
 
 std::string line(const Odometry& odometry) {

@@ -34,6 +34,8 @@ struct TickRecord {
   std::size_t odometry_read = 0;       ///< how many odometry readings were used in this cycle
   std::string camera = "ok";           ///< the camera's state word
   std::string request = "none";        ///< what the operator asked
+  bool robot_linked = true;
+  std::string camera_sentence;  ///< why the camera is lost, without commas
 
   bool operator==(const TickRecord&) const = default;
 };

@@ -1,0 +1,167 @@
+#include "app/config.h"
+
+#include <chrono>
+#include <stdexcept>
+
+#include "app/failure.h"
+#include "app/fields.h"
+#include "app/rig_file.h"
+
+namespace tagdock {
+namespace {
+
+using std::chrono::nanoseconds;
+
+void milliseconds(Fields& fields, std::string_view key, nanoseconds& value, double least, double most) {
+  double number = static_cast<double>(value.count()) / 1e6;
+  const double before = number;
+  fields.number(key, number, least, most);
+  if (number != before) value = nanoseconds(static_cast<std::int64_t>(std::llround(number * 1e6)));
+}
+
+void seconds(Fields& fields, std::string_view key, nanoseconds& value, double least, double most) {
+  double number = static_cast<double>(value.count()) / 1e9;
+  const double before = number;
+  fields.number(key, number, least, most);
+  if (number != before) value = nanoseconds(static_cast<std::int64_t>(std::llround(number * 1e9)));
+}
+
+void visit(Fields& fields, CameraConfig& camera) {
+  fields.word("source", camera.source, {});
+  fields.number("exposure_us", camera.exposure_us, 10.0, 100000.0);
+  fields.number("gain", camera.gain, 0.0, 48.0);
+  fields.number("frame_rate", camera.frame_rate, 1.0, 200.0);
+  fields.number("latency_ms", camera.latency_ms, 0.0, 1000.0);
+}
+
+void visit(Fields& fields, TagLocatorConfig& locator) {
+  std::string method(word(locator.method));
+  fields.word("method", method, {"apriltag", "tanh", "filter", "erf", "best"});
+  locator.method = *corner_method(method);
+  fields.integer("decimate", locator.detector.decimate, 1, 8);
+  fields.integer("max_hamming", locator.detector.max_hamming, 0, 2);
+  fields.number("border_px", locator.detector.border_px, 0.0, 100.0);
+  fields.number("region_margin", locator.region_margin, 0.05, 5.0);
+  fields.number("sigma_roll_deg", locator.sigma_roll_deg, 0.001, 45.0);
+  fields.number("sigma_pitch_deg", locator.sigma_pitch_deg, 0.001, 45.0);
+  fields.number("sigma_height_mm", locator.sigma_height_mm, 0.01, 10000.0);
+}
+
+void visit(Fields& fields, DockingConfig& docking) {
+  fields.group("dock_pose", [&](Fields& inner) {
+    inner.number("x_m", docking.dock_pose.x, -20.0, 0.0);
+    inner.number("y_m", docking.dock_pose.y, -20.0, 20.0);
+    inner.degrees("yaw_deg", docking.dock_pose.yaw, -180.0, 180.0);
+  });
+  fields.number("board_width_m", docking.board_width, 0.02, 5.0);
+  fields.group("filter", [&](Fields& inner) {
+    PoseFilterConfig& filter = docking.filter;
+    inner.number("forward_noise", filter.forward_noise, 1e-5, 1.0);
+    inner.number("sideways_noise", filter.sideways_noise, 1e-5, 1.0);
+    inner.number("yaw_noise", filter.yaw_noise, 1e-5, 1.0);
+    inner.number("turn_noise", filter.turn_noise, 0.0, 1.0);
+    inner.number("gate", filter.gate, 1.0, 1e6);
+    inner.number("corner_bias_px", filter.corner_bias_px, 0.0, 5.0);
+  });
+  fields.group("limits", [&](Fields& inner) {
+    CommandGateConfig& gate = docking.gate;
+    inner.number("max_speed", gate.max_speed, 0.01, 0.3);
+    inner.degrees("max_turn_rate_deg", gate.max_turn_rate, 1.0, 90.0);
+    inner.number("acceleration", gate.acceleration, 0.01, 3.0);
+    inner.degrees("turn_acceleration_deg", gate.turn_acceleration, 1.0, 1000.0);
+    milliseconds(inner, "odometry_age_ms", gate.odometry.max_age, 10.0, 1000.0);
+    milliseconds(inner, "robot_silence_ms", gate.odometry.max_silence, 20.0, 2000.0);
+    milliseconds(inner, "half_speed_age_ms", gate.half_speed_age, 10.0, 2000.0);
+    milliseconds(inner, "hold_age_ms", gate.hold_age, 10.0, 2000.0);
+    seconds(inner, "back_off_age_s", gate.back_off_age, 0.1, 60.0);
+    seconds(inner, "give_up_age_s", gate.give_up_age, 0.1, 60.0);
+  });
+  fields.group("segments", [&](Fields& inner) {
+    OdometryControllerConfig& segments = docking.segments;
+    inner.number("damping", segments.damping, 0.001, 1.0);
+    milliseconds(inner, "period_ms", segments.nominal_period, 5.0, 200.0);
+    inner.number("max_speed", segments.max_speed, 0.01, 0.3);
+    inner.number("acceleration", segments.acceleration, 0.01, 3.0);
+    inner.number("deceleration", segments.deceleration, 0.01, 3.0);
+    inner.flag("fuse_sightings", docking.fuse_in_segments);
+  });
+  fields.group("servo", [&](Fields& inner) {
+    std::string law = docking.servo.law == ServoLaw::line ? "line" : "centering";
+    inner.word("law", law, {"line", "centering"});
+    docking.servo.law = law == "line" ? ServoLaw::line : ServoLaw::centering;
+    inner.number("length_m", docking.line.length, 0.05, 5.0);
+    inner.number("max_speed", docking.line.max_speed, 0.01, 0.3);
+    inner.number("braking", docking.line.braking, 0.005, 3.0);
+    inner.number("response_time_s", docking.line.response_time, 0.0, 2.0);
+    inner.number("gain", docking.centering.gain, 0.01, 10.0);
+    inner.number("turn_gain", docking.centering.turn_gain, 0.01, 10.0);
+    seconds(inner, "timeout_s", docking.servo.timeout, 1.0, 600.0);
+  });
+  fields.group("run_in", [&](Fields& inner) {
+    inner.number("wanted_m", docking.entry.run_in, 0.0, 10.0);
+    inner.number("least_m", docking.entry.min_run_in, 0.0, 10.0);
+    inner.number("castors_m", docking.run_in.distance, 0.0, 10.0);
+  });
+  fields.group("acquire", [&](Fields& inner) {
+    inner.integer("sightings", docking.acquire.sightings, 1, 1000);
+    inner.number("max_sigma_y_m", docking.acquire.max_sigma_y, 1e-4, 1.0);
+    seconds(inner, "timeout_s", docking.acquire.timeout, 1.0, 600.0);
+  });
+  fields.group("tolerance", [&](Fields& inner) {
+    inner.number("x_m", docking.fix.tolerance_x, 1e-4, 1.0);
+    inner.number("y_m", docking.fix.tolerance_y, 1e-4, 1.0);
+    inner.degrees("yaw_deg", docking.fix.tolerance_yaw, 0.01, 45.0);
+    inner.integer("sightings", docking.fix.sightings, 1, 1000);
+  });
+  fields.group("retry", [&](Fields& inner) {
+    inner.integer("retries", docking.back_off.retries, 0, 10);
+    inner.number("camera_distance_m", docking.back_off.camera_distance, 0.3, 10.0);
+  });
+}
+
+void visit(Fields& fields, Config& config) {
+  int version = 1;
+  fields.integer("version", version, 1, 1);
+  fields.group("camera", [&](Fields& inner) { visit(inner, config.camera); });
+  fields.word("robot", config.robot, {"sim", "none"});
+  fields.group("rig", [&](Fields& inner) { visit(inner, config.rig); });
+  fields.group("board", [&](Fields& inner) { visit(inner, config.board); });
+  fields.group("detection", [&](Fields& inner) { visit(inner, config.locator); });
+  fields.group("docking", [&](Fields& inner) { visit(inner, config.docking); });
+  fields.group("simulation", [&](Fields& inner) { inner.word("scenario", config.scenario, {}); });
+}
+
+}  // namespace
+
+Config read_config(YamlMap map) {
+  Config config;
+  FieldReader reader(map);
+  visit(reader, config);
+  map.finish();
+  config.locator.detector.family = config.board.family;
+  config.docking.rig = config.rig;
+  config.docking.gate.declared_latency =
+      nanoseconds(static_cast<std::int64_t>(std::llround(config.camera.latency_ms * 1e6)));
+  try {
+    check(config.rig.camera);
+    check(config.docking);
+  } catch (const std::invalid_argument& error) {
+    throw Failure(ExitCode::usage, map.file() + ": " + error.what());
+  }
+  return config;
+}
+
+Config read_config(const std::filesystem::path& file) { return read_config(YamlMap::load(file)); }
+
+Config parse_config(const std::string& text, const std::string& name) {
+  return read_config(YamlMap::parse(text, name));
+}
+
+std::string to_yaml(const Config& config, int indent) {
+  FieldWriter writer(indent);
+  Config copy = config;
+  visit(writer, copy);
+  return writer.text();
+}
+
+}  // namespace tagdock

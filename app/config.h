@@ -1,0 +1,44 @@
+#pragma once
+
+#include <filesystem>
+#include <string>
+
+#include "app/yaml_file.h"
+#include "calibration/rig.h"
+#include "calibration/target.h"
+#include "detection/tag_locator.h"
+#include "servo/docking.h"
+
+namespace tagdock {
+
+/// What is asked of a camera that obeys.
+struct CameraConfig {
+  std::string source = "sim";  ///< sim, gige:127.x.y.z, gige:SERIAL or images:DIR
+  double exposure_us = 5000.0;
+  double gain = 0.0;
+  double frame_rate = 25.0;  ///< 1/s
+  double latency_ms = 80.0;  ///< from mid-exposure to arrival, declared; the ages of frames count beyond it
+};
+
+/// Everything a docking needs to know, read and checked once and then const. The defaults dock the simulated robot.
+struct Config {
+  CameraConfig camera;
+  std::string robot = "sim";  ///< sim or none
+  Rig rig = default_rig();
+  Board board = default_board(0.35);
+  TagLocatorConfig locator;
+  DockingConfig docking;
+  std::string scenario;  ///< file of the simulated world; the built-in default one if empty
+};
+
+/// Reads a configuration; keys that are missing keep their defaults.
+/// Throws Failure(usage) with file, line, key, value and what would be right.
+Config read_config(const std::filesystem::path& file);
+Config parse_config(const std::string& text, const std::string& name);
+Config read_config(YamlMap map);
+
+/// All keys with their values, as YAML that `parse_config` reads. A docking runs on the configuration as parsed from
+/// the text that is recorded, so that replay has it to the last bit.
+std::string to_yaml(const Config& config, int indent = 0);
+
+}  // namespace tagdock

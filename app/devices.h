@@ -1,0 +1,49 @@
+#pragma once
+
+#include <chrono>
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <string>
+
+#include "app/camera.h"
+#include "app/config.h"
+#include "planning/pose2.h"
+#include "servo/robot.h"
+
+namespace tagdock {
+
+/// The time of a session. Live it is the machine's steady clock; a simulation without a network makes its own.
+class SessionClock {
+ public:
+  virtual ~SessionClock() = default;
+  [[nodiscard]] virtual std::chrono::nanoseconds now() const = 0;
+  virtual void sleep_until(std::chrono::nanoseconds time) = 0;
+};
+
+/// What a docking is connected to.
+struct Devices {
+  std::unique_ptr<SessionClock> clock;
+  std::unique_ptr<Camera> camera;
+  std::unique_ptr<Robot> robot;
+  /// Simulated only: camera point and heading in the station frame, for the report and never for the docking.
+  std::function<Pose2()> true_camera_point;
+  std::string camera_name;  ///< for people: what was opened
+  /// The camera model that belongs to the frames as they come: the rig's, or a part of it where the receive buffer
+  /// allowed only a smaller region.
+  CameraModel camera_model;
+};
+
+struct DeviceOptions {
+  std::uint64_t seed = 1;
+  /// Simulation only: frames come in-process and time runs this many times faster than real; 0 as fast as it can.
+  /// Without it the simulation runs in real time and its frames come over GigE Vision on loopback.
+  std::optional<double> speedup;
+};
+
+/// Opens what the configuration asks for.
+/// Throws Failure: usage for words that mean nothing, camera when nobody answers, robot_link.
+Devices open_devices(const Config& config, const DeviceOptions& options);
+
+}  // namespace tagdock

@@ -1,0 +1,360 @@
+// Verb: dock. Open, loop, stop.
+#include <cstdio>
+#include <filesystem>
+#include <fstream>
+#include <iostream>
+#include <memory>
+#include <unistd.h>
+
+#include "app/config.h"
+#include "app/devices.h"
+#include "app/docking_loop.h"
+#include "app/docking_picture.h"
+#include "app/docking_report.h"
+#include "app/failure.h"
+#include "app/fields.h"
+#include "app/rig_file.h"
+#include "app/session.h"
+#include "app/stop_signal.h"
+#include "app/verbs.h"
+#include "app/view.h"
+
+namespace tagdock {
+namespace {
+
+using std::chrono::nanoseconds;
+
+struct DockOptions {
+  std::string config;
+  std::string camera;
+  std::string robot;
+  std::string rig;
+  std::string board;
+  std::string dock_pose;
+  std::string scenario;
+  std::string method;
+  std::string record;
+  std::string station = "off";
+  std::uint64_t seed = 1;
+  std::optional<double> speedup;
+  std::string report;
+  std::string picture;
+  bool view = false;
+  bool json = false;
+};
+
+Pose2 parse_dock_pose(const std::string& text) {
+  Pose2 pose;
+  double yaw_deg = 0.0;
+  char rest = 0;
+  if (std::sscanf(text.c_str(), "%lf,%lf,%lf%c", &pose.x, &pose.y, &yaw_deg, &rest) != 3 || !is_finite(pose) ||
+      !std::isfinite(yaw_deg))
+    throw Failure(ExitCode::usage, "--dock-pose is " + text + "; it must be X,Y,YAW_DEG, for example -1.0,0,0");
+  if (pose.x >= 0.0 || pose.x < -20.0)
+    throw Failure(ExitCode::usage, "--dock-pose has X = " + std::to_string(pose.x) +
+                                       " m; the camera stands before the wall, so X must be between -20 and 0");
+  pose.yaw = radians(yaw_deg);
+  return pose;
+}
+
+// What was asked, as one configuration that is exactly what a recording will hold.
+Config configuration(const DockOptions& options) {
+  Config config = options.config.empty() ? Config{} : read_config(options.config);
+  if (!options.rig.empty()) config.rig = read_rig(options.rig);
+  if (!options.board.empty()) config.board = read_board(options.board);
+  if (!options.camera.empty()) config.camera.source = options.camera;
+  if (!options.robot.empty()) config.robot = options.robot;
+  if (!options.dock_pose.empty()) config.docking.dock_pose = parse_dock_pose(options.dock_pose);
+  if (!options.scenario.empty()) config.scenario = options.scenario;
+  if (!options.method.empty()) {
+    const auto method = corner_method(options.method);
+    if (!method)
+      throw Failure(ExitCode::usage,
+                    "--method is " + options.method + "; it must be one of apriltag tanh filter erf best");
+    config.locator.method = *method;
+  }
+  return parse_config(to_yaml(config), "(configuration of this docking)");
+}
+
+std::string session_yaml(const Config& config, const Devices& devices, std::uint64_t seed) {
+  return "format: 1\nprogram: \"tagdock " TAGDOCK_VERSION "\"\nseed: " + std::to_string(seed) + "\ncamera_name: \"" +
+         devices.camera_name + "\"\nconfig:\n" + to_yaml(config, 2);
+}
+
+std::string sensor_yaml(const Config& config) {
+  const CameraModel& camera = config.rig.camera;
+  char text[512];
+  std::snprintf(text, sizeof text,
+                "sensor_type: camera\nrate_hz: %.17g\nresolution: [%d, %d]\ncamera_model: pinhole\n"
+                "intrinsics: [%.17g, %.17g, %.17g, %.17g]\ndistortion_model: radial-tangential\n"
+                "distortion_coefficients: [%.17g, %.17g, %.17g, %.17g]\n",
+                config.camera.frame_rate, camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy,
+                camera.k1, camera.k2, camera.p1, camera.p2);
+  return text;
+}
+
+// Stops the robot on every way out of the loop.
+class StopAtEnd {
+ public:
+  explicit StopAtEnd(Robot& robot) : robot_(robot) {}
+  ~StopAtEnd() { robot_.stop(); }
+
+ private:
+  Robot& robot_;
+};
+
+// What a person at the terminal sees: one line an event, and one line in place with the progress.
+class Talk {
+ public:
+  explicit Talk(bool quiet) : quiet_(quiet), terminal_(!quiet && ::isatty(STDERR_FILENO) != 0) {}
+
+  void event(nanoseconds time, const std::string& text) {
+    if (quiet_) return;
+    clear();
+    std::fprintf(stderr, "%7.2fs  %s\n", std::chrono::duration<double>(time).count(), text.c_str());
+  }
+
+  void progress(nanoseconds time, const std::string& text) {
+    if (!terminal_ || time - shown_ < std::chrono::milliseconds(100)) return;
+    shown_ = time;
+    std::fprintf(stderr, "\r\033[K%7.2fs  %s", std::chrono::duration<double>(time).count(), text.c_str());
+    std::fflush(stderr);
+    dirty_ = true;
+  }
+
+  void clear() {
+    if (dirty_) std::fprintf(stderr, "\r\033[K");
+    dirty_ = false;
+  }
+
+ private:
+  bool quiet_;
+  bool terminal_;
+  bool dirty_ = false;
+  nanoseconds shown_{0};
+};
+
+std::string progress_words(const Docker& docker, const TickResult& result, const Pose2& T_base_camera) {
+  std::string text(name(docker.phase()));
+  char part[128];
+  if (result.distance_to_go) {
+    std::snprintf(part, sizeof part, "  to go %.3f m", *result.distance_to_go);
+    text += part;
+  }
+  if (result.estimate) {
+    const Pose2 error = result.estimate->T_station_base * T_base_camera;
+    const Pose2& dock = docker.config().dock_pose;
+    std::snprintf(part, sizeof part, "  x %+7.1f mm  y %+6.1f mm  yaw %+5.2f deg", 1e3 * (error.x - dock.x),
+                  1e3 * (error.y - dock.y), degrees(wrap_angle(error.yaw - dock.yaw)));
+    text += part;
+  }
+  if (result.gate != GateAction::passed && !result.gate_reason.empty())
+    text += "  (" + std::string(result.gate_reason) + ")";
+  return text;
+}
+
+class Docking {
+ public:
+  Docking(const DockOptions& options, const Config& config, Devices& devices)
+      : options_(options),
+        config_(config),
+        devices_(devices),
+        loop_(config),
+        T_base_camera_(camera_point(config.rig)),
+        talk_(options.json) {
+    if (!options.record.empty())
+      recorder_ = std::make_unique<SessionRecorder>(options.record, session_yaml(config, devices, options.seed),
+                                                    sensor_yaml(config), options.speedup.has_value());
+    if (options.view) view_ = std::make_unique<View>("tagdock", config.rig.camera.width, config.rig.camera.height);
+    story_.board = config.board;
+    story_.dock_pose = config.docking.dock_pose;
+  }
+
+  DockingReport run() {
+    DockingReport report;
+    report.seed = options_.seed;
+    const StopSignal stop_signal;
+    const StopAtEnd stop_at_end(*devices_.robot);
+    const nanoseconds begin = devices_.clock->now();
+    talk_.event(begin, "docking: camera " + devices_.camera_name + ", robot " + config_.robot);
+    report.phases.push_back({std::string(name(loop_.docker().phase())), begin, begin});
+    bool over = false;
+    while (!over) {
+      DockingLoop::Inputs inputs;
+      std::optional<CameraFrame> camera_frame = devices_.camera->newest(devices_.clock->now());
+      try {
+        inputs.odometry = devices_.robot->read();
+      } catch (const std::runtime_error& error) {
+        inputs.robot_linked = false;
+        talk_.event(devices_.clock->now(), std::string("robot: ") + error.what());
+      }
+      const CameraHealth health = devices_.camera->health();
+      inputs.now = devices_.clock->now();
+      inputs.camera = health.state == "lost" ? CameraState::lost : CameraState::streaming;
+      inputs.camera_sentence = inputs.camera == CameraState::lost ? health.reason : "";
+      if (camera_frame) inputs.frame = camera_frame->frame;
+      if (stop_signal.requested()) {
+        inputs.request = Request::stop;
+        report.interrupted = true;
+      }
+      const DockingLoop::Outputs outputs = loop_.cycle(inputs);
+      if (inputs.robot_linked) devices_.robot->drive(outputs.docking.command);
+
+      record(outputs, camera_frame);
+      tell(inputs, outputs, report);
+      if (camera_frame) {
+        report.frame_ages_ms.push_back(static_cast<double>((inputs.now - camera_frame->frame.time).count()) / 1e6);
+        remember(inputs, outputs);
+      }
+      report.camera = health;
+      over = outputs.docking.over;
+      if (!over) devices_.clock->sleep_until(outputs.docking.next_tick);
+    }
+    report.last = loop_.docker().phase();
+    const nanoseconds end = devices_.clock->now();
+    report.phases.back().end = end;
+    report.phases.push_back({std::string(name(report.last)), end, end});
+    report.duration = end - begin;
+    devices_.robot->stop();
+    if (devices_.true_camera_point) {
+      // The robot is at rest when the docking is over; what a stop in motion still rolls belongs to the error.
+      devices_.clock->sleep_until(end + std::chrono::milliseconds(500));
+      (void)devices_.robot->read();
+      const Pose2 truth = devices_.true_camera_point();
+      report.true_error = Pose2{truth.x - config_.docking.dock_pose.x, truth.y - config_.docking.dock_pose.y,
+                                wrap_angle(truth.yaw - config_.docking.dock_pose.yaw)};
+    }
+    talk_.clear();
+    if (recorder_) {
+      recorder_->finish();
+      const RecorderHealth health = recorder_->health();
+      if (!health.warning.empty()) std::cerr << "recording: " << health.warning << "\n";
+      if (health.frames_dropped > 0)
+        std::cerr << "recording: " << health.frames_dropped << " frames were dropped because the disk was too slow\n";
+    }
+    return report;
+  }
+
+  [[nodiscard]] const DockingStory& story() const { return story_; }
+
+ private:
+  void record(const DockingLoop::Outputs& outputs, const std::optional<CameraFrame>& frame) {
+    if (!recorder_) return;
+    if (frame) recorder_->frame(*frame);
+    for (const std::string& text : outputs.odometry_lines) recorder_->line(SessionStream::odometry, text);
+    if (outputs.sighting_line) recorder_->line(SessionStream::sightings, *outputs.sighting_line);
+    recorder_->line(SessionStream::commands, outputs.command_line);
+    if (outputs.phase_line) recorder_->line(SessionStream::phases, *outputs.phase_line);
+    for (const Event& event : outputs.docking.events)
+      recorder_->line(SessionStream::events, std::to_string(event.time.count()) + "," + event.text);
+  }
+
+  void tell(const DockingLoop::Inputs& inputs, const DockingLoop::Outputs& outputs, DockingReport& report) {
+    for (const Event& event : outputs.docking.events) talk_.event(event.time, event.text);
+    if (outputs.docking.phase_changed && !outputs.docking.over) {
+      report.phases.back().end = inputs.now;
+      report.phases.push_back({std::string(name(loop_.docker().phase())), inputs.now, inputs.now});
+    }
+    const std::string words = progress_words(loop_.docker(), outputs.docking, T_base_camera_);
+    talk_.progress(inputs.now, words);
+    const BoardSighting* board = outputs.sighting ? std::get_if<BoardSighting>(&*outputs.sighting) : nullptr;
+    if (board != nullptr) ++report.sightings;
+    if (view_ && inputs.frame) {
+      const Eigen::Isometry3d T_camera_goal = level_view(config_.rig, goal_of_axle(loop_.docker().config()));
+      view_->show({inputs.frame->gray,
+                   board != nullptr ? board->tags : std::vector<RefinedTag>{},
+                   projected_board(config_.board, config_.rig.camera, T_camera_goal),
+                   {words}});
+    }
+  }
+
+  // For the picture of the docking.
+  void remember(const DockingLoop::Inputs& inputs, const DockingLoop::Outputs& outputs) {
+    if (options_.picture.empty()) return;
+    DockingMoment moment{inputs.now, std::string(name(loop_.docker().phase())), {}, {}};
+    if (outputs.docking.estimate) moment.estimated = outputs.docking.estimate->T_station_base * T_base_camera_;
+    if (devices_.true_camera_point) moment.truth = devices_.true_camera_point();
+    story_.moments.push_back(moment);
+    if (const BoardSighting* board = outputs.sighting ? std::get_if<BoardSighting>(&*outputs.sighting) : nullptr) {
+      story_.last_image = inputs.frame->gray;
+      story_.last_tags = board->tags;
+    }
+  }
+
+  const DockOptions& options_;
+  const Config& config_;
+  Devices& devices_;
+  DockingLoop loop_;
+  Pose2 T_base_camera_;
+  Talk talk_;
+  std::unique_ptr<SessionRecorder> recorder_;
+  std::unique_ptr<View> view_;
+  DockingStory story_;
+};
+
+void write_file(const std::string& file, const std::string& text, const std::string& option) {
+  std::ofstream stream(file, std::ios::binary);
+  stream << text << std::flush;
+  if (!stream) throw Failure(ExitCode::usage, option + " " + file + ": cannot be written");
+}
+
+int dock(const DockOptions& options) {
+  if (options.station != "off")
+    throw Failure(ExitCode::usage,
+                  "--station " + options.station + ": there is no station page yet; only off is known");
+  if (options.speedup && !(*options.speedup >= 0.0))
+    throw Failure(ExitCode::usage, "--speedup must be 0 (as fast as it can) or more");
+  Config config = configuration(options);
+  Devices devices = open_devices(config, {options.seed, options.speedup});
+  config.rig.camera = devices.camera_model;
+  config = parse_config(to_yaml(config), "(configuration of this docking)");
+  Docking docking(options, config, devices);
+  const DockingReport report = docking.run();
+  const std::string words = summary(report);
+  if (options.json)
+    std::cout << to_json(report).dump(2) << "\n";
+  else
+    std::cout << words;
+  if (!options.report.empty()) write_file(options.report, to_json(report).dump(2) + "\n", "--report");
+  if (!options.picture.empty()) {
+    DockingStory story = docking.story();
+    std::string line;
+    for (std::istringstream stream(words); std::getline(stream, line);) story.lines.push_back(line);
+    write_file(options.picture, docking_picture(story), "--picture");
+  }
+  return static_cast<int>(exit_code(report));
+}
+
+}  // namespace
+
+void add_dock(CLI::App& program, Action& action) {
+  auto options = std::make_shared<DockOptions>();
+  CLI::App* verb = program.add_subcommand(
+      "dock", "Docks the robot. Without any option: a simulated robot, seen through a GigE Vision stream on loopback.");
+  verb->add_option("--config", options->config, "configuration (YAML); unknown keys are refused");
+  verb->add_option("--camera", options->camera, "sim, gige:127.x.y.z, gige:SERIAL or images:DIR");
+  verb->add_option("--robot", options->robot, "sim or none");
+  verb->add_option("--rig", options->rig, "rig file: camera, T_base_cam, odometry; overrides the configuration's");
+  verb->add_option("--board", options->board, "board file: family and tags; overrides the configuration's");
+  verb->add_option("--dock-pose", options->dock_pose,
+                   "X,Y,YAW_DEG of the camera point in the station frame, X negative: before the wall");
+  verb->add_option("--scenario", options->scenario, "simulation: the world (YAML, see data/scenarios)");
+  verb->add_option("--method", options->method, "how corners are made: apriltag tanh filter erf best");
+  verb->add_option("--record", options->record, "write a session folder there; it must not exist or be empty");
+  verb->add_option("--station", options->station, "off; the station page comes with a later version")
+      ->capture_default_str();
+  verb->add_option("--seed", options->seed, "simulation: seed of start pose, slip and noise")->capture_default_str();
+  verb->add_option("--speedup", options->speedup,
+                   "simulation: frames in-process, this many times faster than real; 0 as fast as it can");
+  verb->add_option("--report", options->report, "write what the docking came to, as JSON");
+  verb->add_option("--picture", options->picture, "write the docking at a glance, as SVG");
+  verb->add_flag("--view", options->view, "window with the live image, the tags and the target");
+  verb->add_flag("--json", options->json, "the report on stdout instead of words");
+  verb->footer(
+      "Examples:\n  tagdock dock --seed 1\n  tagdock dock --speedup 0 --record docking1 --report docking1.json\n"
+      "Exit codes: 0 docked, 1 not docked, 2 usage or configuration, 3 camera, 4 tag never seen, 5 robot link,\n"
+      "6 stopped, 130 interrupted.");
+  verb->callback([options, &action] { action = [options] { return dock(*options); }; });
+}
+
+}  // namespace tagdock

@@ -1,0 +1,83 @@
+#include "app/session_replay.h"
+
+#include <algorithm>
+#include <map>
+
+#include "app/failure.h"
+
+namespace tagdock {
+namespace {
+
+void compare(const std::string& stream, const std::vector<std::string>& recorded, const std::vector<std::string>& made,
+             ReplayResult& result) {
+  const std::size_t common = std::min(recorded.size(), made.size());
+  bool named = false;
+  for (std::size_t i = 0; i < common; ++i) {
+    if (recorded[i] == made[i]) continue;
+    ++result.difference_count;
+    if (!named)
+      result.differences.push_back(stream + ", line " + std::to_string(i + 2) + ":\n  recorded " + recorded[i] +
+                                   "\n  replayed " + made[i]);
+    named = true;
+  }
+  if (recorded.size() == made.size()) return;
+  result.difference_count += std::max(recorded.size(), made.size()) - common;
+  result.differences.push_back(stream + ": " + std::to_string(recorded.size()) + " lines recorded, " +
+                               std::to_string(made.size()) + " replayed");
+}
+
+}  // namespace
+
+SessionHead read_session_head(const std::filesystem::path& folder) {
+  YamlMap map = YamlMap::load(folder / "session.yaml");
+  if (const auto format = map.integer("format", 0, 1000000); format != 1)
+    map.refuse("format", "is " + std::to_string(format) + "; this program reads format 1");
+  SessionHead head;
+  head.program = map.text("program");
+  head.seed = static_cast<std::uint64_t>(map.integer("seed", 0, std::int64_t{1} << 53));
+  head.camera_name = map.text("camera_name");
+  head.config = read_config(map.map("config"));
+  map.finish();
+  return head;
+}
+
+ReplayResult replay(const Session& session, const Config& config, const ReplayWatcher& watcher) {
+  std::map<std::uint64_t, const RecordedFrame*> frames;
+  for (const RecordedFrame& frame : session.frames) frames.emplace(frame.number, &frame);
+
+  ReplayResult result;
+  DockingLoop loop(config);
+  std::size_t odometry = 0;
+  for (const TickRecord& tick : session.ticks) {
+    const std::size_t end = std::min(odometry + tick.odometry_read, session.odometry.size());
+    std::vector<Odometry> readings(session.odometry.begin() + static_cast<std::ptrdiff_t>(odometry),
+                                   session.odometry.begin() + static_cast<std::ptrdiff_t>(end));
+    odometry = end;
+    std::optional<Frame> frame;
+    if (tick.frame) {
+      const auto found = frames.find(*tick.frame);
+      if (found == frames.end()) {
+        ++result.difference_count;
+        result.differences.push_back("frame " + std::to_string(*tick.frame) + " was used but is not in the recording");
+      } else {
+        frame = read_frame(*found->second);
+        ++result.frames;
+      }
+    }
+    const DockingLoop::Inputs inputs = inputs_of(tick, std::move(readings), std::move(frame));
+    const DockingLoop::Outputs outputs = loop.cycle(inputs);
+    ++result.cycles;
+    if (outputs.sighting && std::holds_alternative<BoardSighting>(*outputs.sighting)) ++result.sightings;
+    if (outputs.sighting_line) result.sighting_lines.push_back(*outputs.sighting_line);
+    result.command_lines.push_back(outputs.command_line);
+    if (outputs.phase_line) result.phase_lines.push_back(*outputs.phase_line);
+    if (watcher && !watcher(inputs, outputs)) break;
+  }
+  result.last_phase = std::string(name(loop.docker().phase()));
+  compare("sightings.csv", session.sightings, result.sighting_lines, result);
+  compare("commands.csv", session.commands, result.command_lines, result);
+  compare("phases.csv", session.phases, result.phase_lines, result);
+  return result;
+}
+
+}  // namespace tagdock
