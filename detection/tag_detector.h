@@ -15,12 +15,13 @@ struct TagDetection {
   int id = 0;
   int hamming = 0;      ///< corrected bits
   double margin = 0.0;  ///< AprilTag's decision margin [grey levels]
+  int modules = 8;      ///< cells along a side of the square whose corners these are
   Corners corners_px;   ///< our pixel convention and our order (STYLE.md)
 };
 
 struct TagDetectorConfig {
   std::string family = "tag36h11";
-  int decimate = 2;     ///< find on an image this much smaller; the refiner works on the whole one
+  int decimate = 2;     ///< find on an image this much smaller, 1 to 4; the refiner works on the whole one
   int max_hamming = 1;  ///< more corrected bits are refused; at most 2
   double border_px =
       5;  ///< tags with a corner nearer to the image border are refused: cut tags decode with wrong corners

@@ -1,0 +1,291 @@
+#pragma once
+
+#include <chrono>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+#include <string_view>
+#include <variant>
+#include <vector>
+
+#include "calibration/rig.h"
+#include "planning/path.h"
+#include "servo/command_gate.h"
+#include "servo/line_following.h"
+#include "servo/marker_centering.h"
+#include "servo/odometry_controller.h"
+#include "servo/pose_filter.h"
+
+namespace tagdock {
+
+/// THE SPINE OF MOVING: step(phase, inputs, config) -> next phase, command. The paper's Fig. 2, extended (notes on
+/// docking, 9).
+
+/// Path of the axle from one pose to another, both in the station frame, or a sentence why there is none.
+using Planner = std::function<std::variant<Path, std::string>(const Pose2& from, const Pose2& to)>;
+
+/// Which law drives the last part.
+enum class ServoLaw {
+  line,      ///< the line law: lateral error, heading, distance
+  centering  ///< ViSP's (x, log Z/Z*): bearing and distance only
+};
+
+struct AcquireConfig {
+  double bearing = 0.0087;                                    ///< rad; the board is centred below this (0.5 degrees)
+  int sightings = 20;                                         ///< fused at standstill
+  double max_sigma_y = 0.008;                                 ///< m
+  double max_sigma_yaw = 0.0035;                              ///< rad (0.2 degrees)
+  double sweep = 0.35;                                        ///< rad to either side, when nothing is seen
+  double sweep_rate = 0.2;                                    ///< rad/s
+  std::chrono::nanoseconds unseen = std::chrono::seconds(5);  ///< before a sweep, and again after it
+  std::chrono::nanoseconds settle = std::chrono::milliseconds(300);  ///< standing before sightings count
+  std::chrono::nanoseconds timeout = std::chrono::seconds(45);
+};
+
+struct EntryConfig {
+  double run_in = 1.2;          ///< m of straight line before the dock, wanted
+  double min_run_in = 0.9;      ///< m, at least
+  double lateral_left = 0.005;  ///< m; largest lateral error that the line law would leave at the dock
+  double max_heading = 0.14;    ///< rad against the line
+  /// Where no path keeps the board in view: drive blind to this much before the dock, and back off.
+  bool blind_entry = true;
+  double blind_run_in = 0.25;  ///< m
+  /// The path must keep the board's middle within this of the view's edge [rad].
+  double view_margin = 0.07;
+  std::chrono::nanoseconds timeout = std::chrono::seconds(2);
+};
+
+struct ServoConfig {
+  ServoLaw law = ServoLaw::line;
+  double max_growth = 0.010;     ///< m by which the lateral error may exceed its value at entry
+  double max_sigma_y = 0.003;    ///< m, of the camera point
+  double settle_distance = 0.3;  ///< m driven before `max_sigma_y` counts
+  double centering_end = 0.002;  ///< m from Z* at which the centring law is done
+  std::chrono::nanoseconds rest = std::chrono::milliseconds(800);  ///< standing at the goal
+  std::chrono::nanoseconds timeout = std::chrono::seconds(40);
+};
+
+struct FixConfig {
+  int sightings = 20;
+  double tolerance_x = 0.003;     ///< m
+  double tolerance_y = 0.003;     ///< m
+  double tolerance_yaw = 0.0087;  ///< rad (0.5 degrees)
+  /// Success is claimed only if the error and this many standard deviations are within the tolerance.
+  double sigmas = 2.0;
+  /// What the calibration leaves, 1 sigma, the same in every sighting; averaging does not take it out.
+  double calibration_position = 0.0;  ///< m
+  double calibration_yaw = 0.0;       ///< rad
+  std::chrono::nanoseconds timeout = std::chrono::seconds(6);
+};
+
+struct BackOffConfig {
+  int retries = 2;
+  double camera_distance = 2.5;  ///< m before the board
+  std::chrono::nanoseconds rest = std::chrono::milliseconds(600);
+  std::chrono::nanoseconds timeout = std::chrono::seconds(60);
+};
+
+/// Straight forward driving that turns reversed castors, where the start leaves room for it.
+struct RunInConfig {
+  double distance = 1.5;            ///< m
+  double min_distance_after = 3.3;  ///< m between camera and board that must remain
+  double max_bearing = 0.10;        ///< rad; the board must be straight ahead
+  std::chrono::nanoseconds timeout = std::chrono::seconds(30);
+};
+
+struct DockingConfig {
+  Rig rig = default_rig();          ///< Docker puts its own here
+  Pose2 dock_pose{-1.0, 0.0, 0.0};  ///< of the camera point in the station frame
+  double board_width = 0.6;         ///< m, board and clearance
+  PoseFilterConfig filter;
+  CommandGateConfig gate;
+  OdometryControllerConfig segments;
+  /// Deviations from the path are taken from the filter (odometry and sightings) or from odometry alone, as the paper.
+  bool fuse_in_segments = true;
+  LineLawConfig line;
+  SwingConfig swing;
+  MarkerCenteringConfig centering;
+  AcquireConfig acquire;
+  EntryConfig entry;
+  ServoConfig servo;
+  FixConfig fix;
+  BackOffConfig back_off;
+  RunInConfig run_in;
+  std::chrono::nanoseconds pause_timeout = std::chrono::minutes(10);
+  Planner planner;  ///< none: plan_docking of planning/docking_plan.h
+};
+/// Throws std::invalid_argument with a sentence that names the setting.
+void check(const DockingConfig& config);
+
+/// Pose of the axle when docked.
+Pose2 goal_of_axle(const DockingConfig& config);
+
+// ---------------------------------------------------------------------------------------------------------- inputs
+
+enum class Request {
+  none,
+  pause,
+  resume,
+  cancel,  ///< stop the job, the robot stays where it is
+  stop     ///< by a person or the guard: latched
+};
+
+enum class CameraState { streaming, lost };
+
+/// What one cycle knows.
+struct Inputs {
+  std::chrono::nanoseconds now{0};
+  std::chrono::nanoseconds step{0};      ///< since the cycle before
+  Odometry odometry;                     ///< newest, checked
+  std::optional<PoseEstimate> estimate;  ///< for now
+  std::optional<MarkerView> view;        ///< of the board's middle: newest sighting, carried on by odometry
+  std::optional<FilterUpdate> sighting;  ///< of this cycle
+  std::optional<Unseen> unseen;          ///< a frame of this cycle that showed no board
+  std::optional<std::chrono::nanoseconds> frame_age;     ///< of the newest frame; none before the first
+  std::optional<std::chrono::nanoseconds> sighting_age;  ///< of the newest sighting; none before the first
+  std::optional<std::chrono::nanoseconds> latency;       ///< least age on arrival of the last frames
+  CameraState camera = CameraState::streaming;
+  std::string camera_sentence;  ///< why it is lost
+  Request request = Request::none;
+  Twist2 last_command;  ///< after the gate
+};
+
+// ---------------------------------------------------------------------------------------------------------- phases
+
+/// What goes with a job from phase to phase.
+struct Job {
+  int attempts = 1;                   ///< the running one included
+  std::optional<Reason> first_cause;  ///< of the first attempt that failed
+  bool ran_in = false;                ///< the castors have had their straight run
+  bool turn_allowed = true;           ///< in place; not any more once a path was driven
+};
+
+/// Turn until the board is in the middle, then stand and collect sightings.
+struct Acquiring {
+  Job job;
+  std::chrono::nanoseconds since{0};
+  enum class Stage { looking, sweeping, centering, standing } stage = Stage::looking;
+  std::chrono::nanoseconds stage_since{0};
+  double yaw_at_sweep = 0.0;  ///< odometry yaw where the sweep began
+  int sweep_leg = 0;          ///< 0 to the left, 1 to the right, 2 back to the middle; 3 done
+  int fused = 0;              ///< sightings, standing
+  std::optional<Unseen> last_unseen;
+};
+/// Straight ahead, so that the castors trail.
+struct RunningIn {
+  Job job;
+  std::chrono::nanoseconds since{0};
+  Path path_odom;
+  FollowState follow;
+};
+/// Choose: servo, path, or back off.
+struct Validating {
+  Job job;
+  std::chrono::nanoseconds since{0};
+};
+/// Drive the path.
+struct Following {
+  Job job;
+  std::chrono::nanoseconds since{0};
+  Path path;             ///< of the axle, in the station frame
+  Pose2 T_station_odom;  ///< taken once, when the path was planned
+  bool blind = false;    ///< the board may leave the view; ends in a back-off
+  FollowState follow;
+};
+/// Drive along the dock's line until the goal.
+struct Servoing {
+  Job job;
+  std::chrono::nanoseconds since{0};
+  double lateral_at_entry = 0.0;
+  double travelled = 0.0;  ///< m
+  SwingWatch swing;
+  bool slow = false;  ///< swinging was seen once
+  std::optional<std::chrono::nanoseconds> reached;
+};
+/// Stand and average sightings.
+struct Fixing {
+  Job job;
+  std::chrono::nanoseconds since{0};
+  std::vector<PlanarSighting> sightings;
+};
+/// Drive backwards along the dock's line.
+struct BackingOff {
+  Job job;
+  std::chrono::nanoseconds since{0};
+  std::optional<std::chrono::nanoseconds> reached;
+};
+/// Zero command until resumed.
+struct Paused {
+  Job job;
+  std::chrono::nanoseconds since{0};
+  std::string_view from;  ///< name of the phase that was left
+};
+
+/// Where the robot stands, averaged over sightings at standstill.
+struct Fix {
+  Pose2 T_station_base;
+  /// Of the camera point and heading against the docking pose, in the station frame: m, m, rad.
+  Pose2 error;
+  Eigen::Matrix3d covariance = Eigen::Matrix3d::Zero();  ///< of `error`
+  int sightings = 0;
+  double chi2 = 0.0;  ///< scatter of the sightings against their covariance, per value; about 1
+};
+struct Docked {
+  Job job;
+  Fix fix;
+};
+/// The docking failed; the robot rests.
+struct Failed {
+  Job job;
+  Reason reason;
+  std::optional<Fix> fix;  ///< the last one, if there was one
+};
+/// Stopped for a fault or by a person; latched.
+struct Stopped {
+  Job job;
+  Reason reason;
+};
+
+using Phase = std::variant<Acquiring, RunningIn, Validating, Following, Servoing, Fixing, BackingOff, Paused, Docked,
+                           Failed, Stopped>;
+
+std::string_view name(const Phase& phase);
+const Job& job_of(const Phase& phase);
+/// Docked, Failed or Stopped: nothing follows.
+bool is_over(const Phase& phase);
+/// Failed's or Stopped's.
+std::optional<Reason> reason_of(const Phase& phase);
+/// What its commands rely on.
+FrameNeed frame_need(const Phase& phase);
+
+/// Where a job begins.
+Phase first_phase(std::chrono::nanoseconds now);
+
+/// A row of the table of phases: what the program prints and draws, and what the tests hold `step` to.
+struct Transition {
+  std::string_view from;
+  std::string_view to;
+  std::string_view word;  ///< why, in a few words
+};
+std::span<const Transition> transitions();
+
+struct Step {
+  Phase next;
+  Twist2 command;
+  std::string reason;  ///< why the phase changed, with figures; empty if it did not
+};
+
+/// One cycle. Pure: the same arguments give the same result to the last bit.
+Step step(const Phase& now, const Inputs& inputs, const DockingConfig& config);
+
+/// The average of sightings at standstill, with what averaging does not take out.
+/// @return none without sightings
+std::optional<Fix> fix_from(std::span<const PlanarSighting> sightings, const DockingConfig& config);
+
+/// Way left to the goal, for showing [m].
+std::optional<double> distance_to_go(const Phase& phase, const std::optional<PoseEstimate>& estimate,
+                                     const DockingConfig& config);
+
+}  // namespace tagdock

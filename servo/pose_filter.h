@@ -1,0 +1,155 @@
+#pragma once
+
+#include <chrono>
+#include <deque>
+#include <optional>
+#include <string_view>
+#include <vector>
+
+#include <Eigen/Core>
+#include <Eigen/Geometry>
+
+#include "calibration/rig.h"
+#include "detection/tag_pose.h"
+#include "planning/pose2.h"
+#include "servo/robot.h"
+
+namespace tagdock {
+
+/// Where the camera stands on the floor, seen from the axle: its place without height, heading of the base.
+/// Errors of a docking are those of this point, what an external tracker beside the lens would see.
+Pose2 camera_point(const Rig& rig);
+
+/// T_camera_station of a robot that stands level at a planar pose.
+Eigen::Isometry3d level_view(const Rig& rig, const Pose2& T_station_base);
+
+/// A sighting brought down to the plane.
+struct PlanarSighting {
+  std::chrono::nanoseconds time{0};  ///< mid-exposure, since the session began
+  Pose2 T_station_base;
+  /// [x y yaw] in the station frame, m and rad; from corner noise, independent from frame to frame.
+  Eigen::Matrix3d covariance = Eigen::Matrix3d::Zero();
+  /// The same for what stays from frame to frame (corner bias); averaging does not take it out.
+  Eigen::Matrix3d bias_covariance = Eigen::Matrix3d::Zero();
+};
+
+/// Reduces a pose of the camera before the station to the axle's pose on the floor. The camera's own place is taken
+/// from the sighting and the axle is put behind it along the heading, so that pitch and roll of the chassis move the
+/// axle only by their small effect on the heading.
+/// @param covariance  of T_camera_station, as in BoardSighting
+/// @param bias_share  variance of the lasting corner error over that of the corner noise
+PlanarSighting planar_sighting(const Rig& rig, std::chrono::nanoseconds time, const Eigen::Isometry3d& T_camera_station,
+                               const Matrix6& covariance, double bias_share);
+
+struct PoseFilterConfig {
+  // Drift of odometry in body axes per square root of the driven distance (notes on docking, 4.6).
+  double forward_noise = 0.005;   ///< m per sqrt(m)
+  double sideways_noise = 0.003;  ///< m per sqrt(m)
+  double yaw_noise = 0.006;       ///< rad per sqrt(m)
+  double turn_noise = 0.04;       ///< share of the angle turned between two readings
+  double gate = 40.0;             ///< largest accepted squared Mahalanobis distance of a sighting, 3 values
+  int rejects_until_lost = 5;     ///< in a row
+  int sightings_to_acquire = 5;   ///< that agree, of the newest `sightings_remembered`, at standstill
+  int sightings_remembered = 7;
+  /// Two sightings at standstill agree below this squared Mahalanobis distance ...
+  double agreement = 25.0;
+  double agreement_distance = 0.05;    ///< ... and within this distance [m] ...
+  double agreement_yaw = 0.05;         ///< ... and this angle [rad]
+  double standstill_distance = 0.002;  ///< odometry may move this much between the sightings that acquire [m]
+  double standstill_yaw = 0.0035;      ///< [rad]
+  double corner_bias_px = 0.05;        ///< lasting error of a corner coordinate (notes on docking, 8)
+  /// Odds against the mirrored pose of a flat tag, as a logarithm, above which the question is settled: 1 : 22000.
+  double settled_log_odds = 10.0;
+  /// What takes the yaw of an unsettled sighting out of the fusion [rad].
+  double unsettled_yaw = 0.0873;
+  std::size_t readings_remembered = 200;  ///< odometry readings, 4 s at 50 Hz
+};
+
+/// Where the robot is.
+struct PoseEstimate {
+  std::chrono::nanoseconds time{0};
+  Pose2 T_station_base;
+  Eigen::Matrix3d covariance = Eigen::Matrix3d::Zero();  ///< [x y yaw] in the station frame, m and rad
+  std::chrono::nanoseconds seen{0};                      ///< image time of the newest sighting that was fused
+};
+
+/// What became of a sighting.
+enum class SightingUse {
+  fused,              ///< moved the estimate
+  fused_without_yaw,  ///< moved the estimate along what is sure; the two poses of a flat tag were not told apart
+  rejected,           ///< does not fit the estimate
+  lost,               ///< rejected, and that too often: there is no estimate any more
+  collected,          ///< there is no estimate yet; kept
+  acquired,           ///< agrees with enough others: there is an estimate now
+  ambiguous,          ///< there is no estimate yet and the two poses of a flat tag were not told apart
+  moving,             ///< there is no estimate yet and the robot does not stand
+  too_old,            ///< older than the remembered odometry, or than a sighting that was used already
+  invalid             ///< not finite, or no covariance
+};
+std::string_view word(SightingUse use);
+
+/// What the filter made of a sighting.
+struct FilterUpdate {
+  SightingUse use = SightingUse::invalid;
+  std::optional<PlanarSighting> sighting;  ///< the pose that was fused, collected or rejected
+  double distance2 = 0.0;                  ///< squared Mahalanobis distance from the estimate at image time; 0 without
+};
+
+/// Odometry and sightings -> pose of the axle in the station frame: an extended Kalman filter over x, y and yaw.
+/// A sighting acts at its image time: the filter goes back to the reading before the stamp, updates there and
+/// repeats the odometry since (so latency, once stamped, moves nothing). Method: notes on docking, 4.6 and 8; the
+/// tables there shift the measurement forward instead, which neglects the drift since the image.
+class PoseFilter {
+ public:
+  PoseFilter(const Rig& rig, const PoseFilterConfig& config);
+
+  /// Takes the next odometry reading; finite and later than the one before, or it is left out.
+  void predict(const Odometry& reading);
+
+  /// Takes a sighting. Needs odometry at or before its image time.
+  FilterUpdate update(const BoardSighting& sighting);
+
+  /// The pose at a time, also a past one; after the newest reading it goes on with that reading's velocity.
+  /// @return none while there is no estimate, or for times before the remembered odometry
+  [[nodiscard]] std::optional<PoseEstimate> estimate(std::chrono::nanoseconds time) const;
+
+  /// Where the camera sees the station at a time: from the estimate, or else from the newest sighting (also one that
+  /// was not fused) moved by odometry; none if there is neither.
+  [[nodiscard]] std::optional<Eigen::Isometry3d> predicted_view(std::chrono::nanoseconds time) const;
+
+  /// Odometry pose at a time, as `estimate`.
+  [[nodiscard]] std::optional<Pose2> T_odom_base(std::chrono::nanoseconds time) const;
+
+  /// Drops the estimate; the next one has to be acquired at standstill.
+  void forget();
+
+ private:
+  struct State {
+    Odometry reading;
+    Pose2 T_station_base;                                  ///< only with an estimate
+    Eigen::Matrix3d covariance = Eigen::Matrix3d::Zero();  ///< only with an estimate
+  };
+  struct Candidate {
+    PlanarSighting sighting;
+    Pose2 T_odom_base;
+  };
+
+  FilterUpdate acquire(const PlanarSighting& sighting);
+  FilterUpdate fuse(const PlanarSighting& sighting, const std::optional<PlanarSighting>& mirrored, double log_odds);
+  [[nodiscard]] std::optional<std::size_t> state_before(std::chrono::nanoseconds time) const;
+  [[nodiscard]] State state_at(std::size_t before, std::chrono::nanoseconds time) const;
+  void propagate_from(std::size_t index);
+
+  Rig rig_;
+  PoseFilterConfig config_;
+  std::deque<State> states_;  ///< oldest first
+  bool has_estimate_ = false;
+  Eigen::Matrix3d bias_covariance_ = Eigen::Matrix3d::Zero();  ///< of the newest fused sighting
+  std::chrono::nanoseconds seen_{0};
+  int rejects_ = 0;
+  std::deque<Candidate> candidates_;
+  std::optional<PlanarSighting> last_sighting_;
+  std::optional<std::chrono::nanoseconds> last_time_;  ///< image time of the newest sighting that was looked at
+};
+
+}  // namespace tagdock
