@@ -1,0 +1,107 @@
+// Verb: replay. A recorded session, or images, through the same code.
+#include <cstdio>
+#include <filesystem>
+#include <fstream>
+#include <iostream>
+#include <memory>
+#include <thread>
+
+#include <nlohmann/json.hpp>
+
+#include "app/failure.h"
+#include "app/rig_file.h"
+#include "app/session_replay.h"
+#include "app/verbs.h"
+
+namespace tagdock {
+namespace {
+
+struct ReplayOptions {
+  std::string folder;
+  bool compare = false;
+  double speed = 0.0;
+  std::string camera;
+  std::string board;
+  std::string method;
+  std::string output;
+  bool json = false;
+};
+
+void write_stream(const std::filesystem::path& folder, SessionStream stream, const std::string& file,
+                  const std::vector<std::string>& lines) {
+  std::ofstream out(folder / file, std::ios::binary);
+  out << header(stream) << "\n";
+  for (const std::string& text : lines) out << text << "\n";
+  if (!out.flush()) throw Failure(ExitCode::usage, "--output " + (folder / file).string() + ": cannot be written");
+}
+
+int replay_session(const ReplayOptions& options) {
+  const Session session = read_session(options.folder);
+  for (const std::string& remark : session.remarks) std::cerr << "replay: " << remark << "\n";
+  const SessionHead head = read_session_head(options.folder);
+  Config config = head.config;
+  if (!options.camera.empty()) config.rig.camera = read_camera(options.camera);
+  if (!options.board.empty()) config.board = read_board(options.board);
+  if (!options.method.empty()) config.locator.method = method_by_word(options.method);
+  config = parse_config(to_yaml(config), "(configuration of this replay)");
+
+  const auto begin = std::chrono::steady_clock::now();
+  const ReplayResult result =
+      replay(session, config, [&](const DockingLoop::Inputs& inputs, const DockingLoop::Outputs&) {
+        if (options.speed > 0.0)
+          std::this_thread::sleep_until(
+              begin + std::chrono::duration_cast<std::chrono::nanoseconds>(std::chrono::duration<double, std::nano>(
+                          static_cast<double>(inputs.now.count()) / options.speed)));
+        return true;
+      });
+  if (!options.output.empty()) {
+    std::filesystem::create_directories(options.output);
+    write_stream(options.output, SessionStream::sightings, "sightings.csv", result.sighting_lines);
+    write_stream(options.output, SessionStream::commands, "commands.csv", result.command_lines);
+    write_stream(options.output, SessionStream::phases, "phases.csv", result.phase_lines);
+  }
+  if (options.json) {
+    nlohmann::ordered_json json;
+    json["schema"] = "tagdock-replay/1";
+    json["cycles"] = result.cycles;
+    json["frames"] = result.frames;
+    json["sightings"] = result.sightings;
+    json["last_phase"] = result.last_phase;
+    json["differences"] = result.difference_count;
+    json["first_differences"] = result.differences;
+    json["remarks"] = session.remarks;
+    std::cout << json.dump(2) << "\n";
+  } else {
+    std::printf("%llu cycles, %llu frames, %llu with the board; ended %s\n",
+                static_cast<unsigned long long>(result.cycles), static_cast<unsigned long long>(result.frames),
+                static_cast<unsigned long long>(result.sightings), result.last_phase.c_str());
+    if (result.difference_count == 0)
+      std::printf("bit-equal: every sighting, phase and command is as it was recorded\n");
+    else
+      std::printf("%llu lines differ from the recording\n", static_cast<unsigned long long>(result.difference_count));
+    for (const std::string& difference : result.differences) std::printf("%s\n", difference.c_str());
+  }
+  return static_cast<int>(options.compare && result.difference_count > 0 ? ExitCode::failed : ExitCode::done);
+}
+
+}  // namespace
+
+void add_replay(CLI::App& program, Action& action) {
+  auto options = std::make_shared<ReplayOptions>();
+  CLI::App* verb = program.add_subcommand(
+      "replay", "Repeats a recorded docking through the same code, or looks for tags in a folder of images.");
+  verb->add_option("folder", options->folder, "session folder, or folder of images")->required();
+  verb->add_flag("--compare", options->compare,
+                 "succeed only if every sighting, phase and command is as it was recorded, to the last bit");
+  verb->add_option("--speed", options->speed, "times real time; 0 as fast as it can")->capture_default_str();
+  verb->add_option("--camera", options->camera, "use this camera file instead of the recorded one");
+  verb->add_option("--board", options->board, "use this board file instead of the recorded one");
+  verb->add_option("--method", options->method, "how corners are made: apriltag tanh filter erf best");
+  verb->add_option("--output", options->output, "folder for what is made now: CSV files and, for images, pictures");
+  verb->add_flag("--json", options->json, "the result as JSON");
+  verb->footer(
+      "Examples:\n  tagdock replay docking1 --compare\n  tagdock replay photos --camera camera.yaml --output seen");
+  verb->callback([options, &action] { action = [options] { return replay_session(*options); }; });
+}
+
+}  // namespace tagdock

@@ -1,0 +1,184 @@
+// The program as a person or a script meets it: arguments in, exit code, words and files out.
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+#include <sstream>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <catch2/catch.hpp>
+#include <nlohmann/json.hpp>
+
+using Catch::Matchers::Contains;
+
+namespace {
+
+struct Run {
+  int code = -1;
+  std::string out;
+  std::string err;
+};
+
+std::string contents(const std::filesystem::path& file) {
+  std::ifstream stream(file);
+  std::stringstream text;
+  text << stream.rdbuf();
+  return text.str();
+}
+
+struct Scratch {
+  std::filesystem::path folder =
+      std::filesystem::temp_directory_path() / ("tagdock_program_" + std::to_string(::getpid()));
+  Scratch() {
+    std::filesystem::remove_all(folder);
+    std::filesystem::create_directories(folder);
+  }
+  ~Scratch() { std::filesystem::remove_all(folder); }
+  [[nodiscard]] std::string path(const std::string& name) const { return (folder / name).string(); }
+  std::string write(const std::string& name, const std::string& text) const {
+    std::ofstream(folder / name) << text;
+    return path(name);
+  }
+};
+
+Run run(const Scratch& scratch, const std::string& arguments, const std::string& before = "") {
+  const std::string command = before + " " + TAGDOCK_PROGRAM + " " + arguments + " >" + scratch.path("out") + " 2>" +
+                              scratch.path("err") + " </dev/null";
+  const int status = std::system(command.c_str());
+  return {WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status), contents(scratch.path("out")),
+          contents(scratch.path("err"))};
+}
+
+// Few frames, so that a whole docking takes seconds; the same code as with many.
+const std::string few_frames = "camera: {frame_rate: 10}\n";
+
+}  // namespace
+
+TEST_CASE("a simulated docking ends docked, repeats itself, and its recording replays bit-equal", "[docking]") {
+  const Scratch scratch;
+  const std::string config = scratch.write("dock.yaml", few_frames);
+  const Run first =
+      run(scratch, "dock --config " + config + " --speedup 0 --seed 3 --record " + scratch.path("session") +
+                       " --report " + scratch.path("report.json") + " --picture " + scratch.path("docking.svg"));
+  INFO(first.err);
+  REQUIRE(first.code == 0);
+  CHECK_THAT(first.out, Contains("docked after") && Contains("final error, true"));
+  const auto report = nlohmann::json::parse(contents(scratch.path("report.json")));
+  CHECK(report["result"] == "docked");
+  const auto truth = report["final"]["pose_error_true"];
+  CHECK(std::abs(truth["x"].get<double>()) < 0.010);  // the demand: 10 mm, 1 degree
+  CHECK(std::abs(truth["y"].get<double>()) < 0.010);
+  CHECK(std::abs(truth["yaw"].get<double>()) < 0.01745);
+  CHECK(report["phases"].size() > 3);
+  CHECK(report["camera"]["frames"].get<int>() > 50);
+  CHECK_THAT(contents(scratch.path("docking.svg")), Contains("<svg") && Contains("data:image/jpeg"));
+
+  const Run second = run(scratch, "dock --config " + config + " --speedup 0 --seed 3 --json");
+  REQUIRE(second.code == 0);
+  const auto again = nlohmann::json::parse(second.out)["final"]["pose_error_true"];
+  for (const char* axis : {"x", "y", "yaw"})
+    CHECK(std::abs(again[axis].get<double>() - truth[axis].get<double>()) < 1e-12);
+
+  const Run same = run(scratch, "replay " + scratch.path("session") + " --compare");
+  INFO(same.out);
+  CHECK(same.code == 0);
+  CHECK_THAT(same.out, Contains("bit-equal"));
+  const Run other = run(scratch, "replay " + scratch.path("session") + " --compare --method apriltag --json");
+  CHECK(other.code == 1);
+  CHECK(nlohmann::json::parse(other.out)["differences"].get<int>() > 0);
+}
+
+TEST_CASE("a wrong configuration is refused with file, line and key") {
+  const Scratch scratch;
+  const std::string config = scratch.write("dock.yaml", "docking:\n  servo: {max_sped: 0.1}\n");
+  const Run bad = run(scratch, "dock --config " + config);
+  CHECK(bad.code == 2);
+  CHECK_THAT(bad.err, Contains("dock.yaml:2:") && Contains("max_sped") && Contains("did you mean max_speed"));
+  CHECK(run(scratch, "dock --config " + scratch.path("nowhere.yaml")).code == 2);
+  CHECK(run(scratch, "dock --dock-pose 1,0,0 --speedup 0").code == 2);
+  CHECK(run(scratch, "dock --station 127.0.0.1:8080").code == 2);
+  CHECK(run(scratch, "dock --sped 3").code == 2);
+  CHECK(run(scratch, "").code == 2);
+  CHECK(run(scratch, "--help").code == 0);
+}
+
+TEST_CASE("a folder that cannot be recorded into is refused before anything moves") {
+  const Scratch scratch;
+  const Run bad = run(scratch, "dock --speedup 0 --record /proc/nowhere/session");
+  CHECK(bad.code == 2);
+  CHECK_THAT(bad.err, Contains("/proc/nowhere/session"));
+}
+
+TEST_CASE("a camera address with nobody there is said as such") {
+  const Scratch scratch;
+  const Run nobody = run(scratch, "dock --camera gige:127.0.0.77 --robot none");
+  CHECK(nobody.code == 3);
+  CHECK_THAT(nobody.err, Contains("127.0.0.77"));
+  const Run outside = run(scratch, "dock --camera gige:192.0.2.7 --robot none");
+  CHECK(outside.code == 2);
+  CHECK_THAT(outside.err, Contains("127"));
+}
+
+TEST_CASE("a board that is not there ends with exit code 4 and the robot at rest") {
+  const Scratch scratch;
+  const std::string config = scratch.write("dock.yaml", "camera: {frame_rate: 4}\n");
+  // The robot looks for ids 100..102; the board in the room carries 0..2.
+  std::string board = "family: tag36h11\ntags:\n";
+  for (int id = 100; id < 103; ++id)
+    board += "  - {id: " + std::to_string(id) + ", size: 0.16, T_station_tag: {t: [0, " +
+             std::to_string(0.2 * (id - 101)) + ", 0.35], q_xyzw: [0.5, -0.5, 0.5, -0.5]}}\n";
+  const Run unseen = run(
+      scratch, "dock --speedup 0 --config " + config + " --board " + scratch.write("board.yaml", board) + " --json");
+  CHECK(unseen.code == 4);
+  const auto report = nlohmann::json::parse(unseen.out);
+  CHECK(report["result"] == "failed");
+  CHECK(report["final"]["pose_error_estimated"].is_null());
+}
+
+TEST_CASE("NaN from odometry stops the robot and ends with exit code 5") {
+  const Scratch scratch;
+  const std::string scenario = scratch.write("scenario.yaml", "faults: {odometry_nan_at_s: 6.0}\n");
+  const std::string config = scratch.write("dock.yaml", few_frames);
+  const Run stopped =
+      run(scratch, "dock --speedup 0 --seed 2 --config " + config + " --scenario " + scenario + " --json");
+  INFO(stopped.err);
+  CHECK(stopped.code == 5);
+  const auto report = nlohmann::json::parse(stopped.out);
+  CHECK(report["result"] == "stopped");
+  CHECK(report["cause"] == "odometry_invalid");
+  CHECK(report["duration_s"].get<double>() < 6.5);
+}
+
+TEST_CASE("a camera that dies in the middle of a docking stops the robot and ends with exit code 3") {
+  const Scratch scratch;
+  const std::string scenario = scratch.write("scenario.yaml", "faults: {camera_dies_at_s: 6.0}\n");
+  const std::string config = scratch.write("dock.yaml", few_frames);
+  const Run stopped =
+      run(scratch, "dock --speedup 0 --seed 2 --config " + config + " --scenario " + scenario + " --json");
+  INFO(stopped.err);
+  CHECK(stopped.code == 3);
+  CHECK(nlohmann::json::parse(stopped.out)["cause"] == "camera_lost");
+}
+
+TEST_CASE("the window shows a docking on a screen, and without a screen says what to do") {
+  const Scratch scratch;
+  const std::string config = scratch.write("dock.yaml", "camera: {frame_rate: 4}\n");
+  const std::string scenario = scratch.write("scenario.yaml", "faults: {odometry_nan_at_s: 3.0}\n");
+  const std::string arguments = "dock --view --speedup 0 --config " + config + " --scenario " + scenario;
+  const Run blind = run(scratch, arguments, "env -u DISPLAY");
+  CHECK(blind.code == 2);
+  CHECK_THAT(blind.err, Contains("DISPLAY"));
+  const Run seen = run(scratch, arguments, "xvfb-run -a -s '-screen 0 1600x1200x24'");
+  INFO(seen.err);
+  CHECK(seen.code == 5);  // it ran until the odometry broke, with the window
+}
+
+TEST_CASE("the doctor finds nothing at fault with the defaults, and names what is wrong with a file") {
+  const Scratch scratch;
+  const Run fit = run(scratch, "doctor --json");
+  INFO(fit.out);
+  CHECK(nlohmann::json::parse(fit.out)["findings"].size() >= 6);
+  const Run sick = run(scratch, "doctor --config " + scratch.write("dock.yaml", "camera: {exposure_us: -3}\n"));
+  CHECK(sick.code == 1);
+  CHECK_THAT(sick.out, Contains("FAULT") && Contains("dock.yaml:1:") && Contains("exposure_us"));
+}
