@@ -163,6 +163,15 @@ std::vector<Candidate> rated(const Planner& planner) {
   return candidates;
 }
 
+DockingPlan measured(const Planner& planner, DockingPlan plan) {
+  plan.length = length(plan.path);
+  for (const Segment& segment : plan.path.segments)
+    plan.peak_curvature =
+        std::max({plan.peak_curvature, std::abs(segment.curvature), std::abs(segment.end_curvature())});
+  if (planner.config.list_candidates) plan.candidates = rated(planner);
+  return plan;
+}
+
 }  // namespace
 
 std::string_view word(NoPlan reason) {
@@ -293,12 +302,23 @@ DockingPlanResult plan_docking(const Pose2& start, const Pose2& goal, const Dock
     }
     plan.path = std::move(*in_view);
   }
-  plan.length = length(plan.path);
-  for (const Segment& segment : plan.path.segments)
-    plan.peak_curvature =
-        std::max({plan.peak_curvature, std::abs(segment.curvature), std::abs(segment.end_curvature())});
-  if (config.list_candidates) plan.candidates = rated(planner);
-  return plan;
+  return measured(planner, std::move(plan));
+}
+
+DockingPlanResult plan_manoeuvre(const Pose2& start, const Pose2& goal, const DockingPlanConfig& config,
+                                 Driving driving) {
+  if (std::optional<PlanRefusal> refusal = refuse_input(start, goal, config.limits)) return *refusal;
+  if (already_there(start, goal)) return AlreadyThere{};
+  const Planner planner{start, goal, config};
+  const TurnShape turn = planner.shape(config.limits);
+  const std::optional<Manoeuvre> found = shortest_manoeuvre(planner.seen, turn, driving, planner.resolution);
+  if (!found)
+    return PlanRefusal{NoPlan::not_exact, "every manoeuvre to this goal is spoilt by rounding at this scale", ""};
+  DockingPlan plan;
+  plan.shortest = found->length;
+  plan.sharpness = config.limits.max_sharpness;
+  write_path(start, *found, turn, plan.path);
+  return measured(planner, std::move(plan));
 }
 
 }  // namespace tagdock

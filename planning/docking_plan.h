@@ -8,6 +8,7 @@
 
 #include "planning/arc_approximation.h"
 #include "planning/clothoid.h"
+#include "planning/manoeuvre.h"
 #include "planning/reeds_shepp.h"
 
 namespace tagdock {
@@ -81,6 +82,11 @@ using DockingPlanResult = std::variant<DockingPlan, AlreadyThere, PlanRefusal>;
 /// keeps the board in view if asked to; or why there is none, and what would help.
 /// @param start, goal  poses of the axle (base) in the station frame
 DockingPlanResult plan_docking(const Pose2& start, const Pose2& goal, const DockingPlanConfig& config);
+
+/// A manoeuvre between any two poses: loops and, with Driving::both, direction changes as they come. Straights,
+/// softness and view of the configuration do not apply; `shortest` is its own length.
+DockingPlanResult plan_manoeuvre(const Pose2& start, const Pose2& goal, const DockingPlanConfig& config,
+                                 Driving driving);
 
 /// Poses and limits checked before anything is computed; none if they are fine.
 std::optional<PlanRefusal> refuse_input(const Pose2& start, const Pose2& goal, const TurnLimits& limits);
