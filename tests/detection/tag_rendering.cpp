@@ -5,7 +5,6 @@
 #include <memory>
 #include <numbers>
 #include <stdexcept>
-#include <vector>
 
 #include <apriltag/apriltag.h>
 #include <apriltag/common/image_u8.h>
@@ -162,29 +161,21 @@ Corners render_into(cv::Mat1d& grey, const Scene& scene) {
 
   // PSF and pixel box in one separable kernel, sampled at pixel centres.
   const double sigma = std::sqrt(std::max(1e-4, scene.psf_px * scene.psf_px - 1.0 / (12.0 * fine * fine)));
-  std::vector<double> kernel(static_cast<std::size_t>(fine * (2 * rim + 1)));
-  double total = 0.0;
-  for (std::size_t i = 0; i < kernel.size(); ++i) {
+  Eigen::VectorXd kernel(fine * (2 * rim + 1));
+  for (Eigen::Index i = 0; i < kernel.size(); ++i) {
     const double offset = (static_cast<double>(i) + 0.5) / fine - (rim + 0.5);
     kernel[i] = 0.5 * (std::erf((offset + 0.5) / (std::numbers::sqrt2 * sigma)) -
                        std::erf((offset - 0.5) / (std::numbers::sqrt2 * sigma)));
-    total += kernel[i];
   }
-  for (double& weight : kernel) weight /= total;
-  cv::Mat1d across(covered.rows, x1 - x0 + 1);
-  for (int y = 0; y < covered.rows; ++y)
-    for (int x = 0; x < across.cols; ++x) {
-      double sum = 0.0;
-      for (std::size_t i = 0; i < kernel.size(); ++i) sum += kernel[i] * covered(y, fine * x + static_cast<int>(i));
-      across(y, x) = sum;
-    }
+  kernel /= kernel.sum();
+  const Eigen::Index columns = x1 - x0 + 1;
+  Eigen::MatrixXd across(columns, covered.rows);  // column y holds fine row y, already spread along x
+  for (int y = 0; y < covered.rows; ++y) {
+    const Eigen::Map<const Eigen::VectorXd> row(covered[y], covered.cols);
+    for (Eigen::Index x = 0; x < columns; ++x) across(x, y) = kernel.dot(row.segment(fine * x, kernel.size()));
+  }
   for (int y = y0; y <= y1; ++y)
-    for (int x = x0; x <= x1; ++x) {
-      double sum = 0.0;
-      for (std::size_t i = 0; i < kernel.size(); ++i)
-        sum += kernel[i] * across(fine * (y - y0) + static_cast<int>(i), x - x0);
-      grey(y, x) += sum;
-    }
+    Eigen::Map<Eigen::VectorXd>(grey[y] + x0, columns) += across.middleCols(fine * (y - y0), kernel.size()) * kernel;
 
   Corners truth;
   const TagPoints points = tag_corners(scene.size);
