@@ -140,6 +140,8 @@ struct YamlMap::State {
 
   std::shared_ptr<State> submap(const YAML::Node& value, const std::string& what) {
     if (!value.IsMap()) refuse_at(file, value.Mark(), what + " must be a map of keys and values");
+    for (const auto& known : taken)
+      if (known->path == what + ".") return known;  // asked for before
     auto state = std::make_shared<State>();
     state->file = file;
     state->path = what + ".";

@@ -1,0 +1,23 @@
+#pragma once
+
+#include <filesystem>
+
+#include "app/fields.h"
+#include "calibration/rig.h"
+#include "calibration/target.h"
+
+namespace tagdock {
+
+/// The keys of a rig (the block that `calibrate` writes) and of a board; CONTRACTS.md gives their meaning.
+void visit(Fields& fields, Rig& rig);
+void visit(Fields& fields, Board& board);
+
+/// Reads a rig file. Keys that only judges read (sigmas, rejected views) are passed over.
+/// Throws Failure(usage) with file, line and key.
+Rig read_rig(const std::filesystem::path& file);
+
+/// Reads a board file.
+/// Throws Failure(usage): no tags, an id twice, a size outside 0.01..2 m.
+Board read_board(const std::filesystem::path& file);
+
+}  // namespace tagdock

@@ -1,0 +1,80 @@
+#include "app/rig_file.h"
+
+#include <filesystem>
+#include <fstream>
+#include <unistd.h>
+
+#include <catch2/catch.hpp>
+
+#include "app/failure.h"
+
+using namespace tagdock;
+using Catch::Matchers::Contains;
+
+namespace {
+
+std::filesystem::path written(const std::string& name, const std::string& text) {
+  const auto file = std::filesystem::temp_directory_path() / (std::to_string(::getpid()) + "_" + name);
+  std::ofstream(file) << text;
+  return file;
+}
+
+template <class Value>
+std::string text_of(Value value) {
+  FieldWriter writer;
+  visit(writer, value);
+  return writer.text();
+}
+
+std::string refusal_of_board(const std::string& text) {
+  const auto file = written("board.yaml", text);
+  try {
+    (void)read_board(file);
+  } catch (const Failure& failure) {
+    return failure.what();
+  }
+  return "";
+}
+
+}  // namespace
+
+TEST_CASE("a rig that was written is read back, and judged keys of calibrate are passed over") {
+  Rig rig = default_rig();
+  rig.T_base_camera.rotate(Eigen::AngleAxisd(0.02, Eigen::Vector3d(1, 2, 3).normalized()));
+  const auto file =
+      written("rig.yaml", text_of(rig) + "unobservable: [height]\nprojection_sigma_px: {max: 0.4, center: 0.1}\n");
+  const Rig read = read_rig(file);
+  CHECK(read.camera == rig.camera);
+  CHECK(read.odometry == rig.odometry);
+  CHECK(read.T_base_camera.isApprox(rig.T_base_camera, 1e-15));
+}
+
+TEST_CASE("what was read and written again reads the same to the last bit") {
+  // The run uses the configuration as parsed from the text that is recorded, and so does replay.
+  const Board once = read_board(written("board.yaml", text_of(default_board(0.35))));
+  const Board twice = read_board(written("board.yaml", text_of(default_board(0.35))));
+  REQUIRE(once.tags.size() == 3);
+  for (std::size_t i = 0; i < 3; ++i)
+    CHECK(once.tags[i].T_station_tag.matrix() == twice.tags[i].T_station_tag.matrix());
+}
+
+TEST_CASE("a bad rig or board is refused with file, line and key") {
+  std::string text = text_of(default_rig());
+  text.replace(text.find("fx: "), 4, "fx: -");
+  try {
+    (void)read_rig(written("rig.yaml", text));
+    FAIL("a negative focal length was taken");
+  } catch (const Failure& failure) {
+    CHECK_THAT(failure.what(), Contains("rig.yaml:4:") && Contains("camera.fx"));
+  }
+  CHECK_THROWS_WITH(read_rig(written("rig.yaml", "camera: {width: 10}\nT_base_cam: {}\n")), Contains("camera.height"));
+  const std::string tag = "{id: 3, size: 0.16, T_station_tag: {t: [0, 0, 0.3], q_xyzw: [0.5, -0.5, 0.5, -0.5]}}";
+  CHECK(refusal_of_board("family: tag36h11\ntags: [" + tag + "]\n").empty());
+  CHECK_THAT(refusal_of_board("tags: [" + tag + ", " + tag + "]\n"), Contains("id 3 twice"));
+  CHECK_THAT(refusal_of_board("tags: []\n"), Contains("empty"));
+  CHECK_THAT(refusal_of_board("tags: [{id: 1, size: 160}]\n"), Contains("tags[0].size is 160"));
+  CHECK_THAT(refusal_of_board("tags: [{id: 1, size: 0.16, T_station_tag: {t: [0, 0, 0], q_xyzw: [0, 0, 0, 0]}}]\n"),
+             Contains("unit quaternion"));
+  CHECK_THAT(refusal_of_board("family: tag36h12\ntags: [" + tag + "]\n"), Contains("must be one of"));
+  CHECK_THROWS_WITH(read_board("/nowhere/board.yaml"), Contains("no such file"));
+}
