@@ -316,12 +316,12 @@ std::optional<Step> planned(const Validating& now, const Inputs& inputs, const D
       refusal = std::get<std::string>(answer);
     }
   }
-  if (config.entry.blind_entry && now.job.attempts == 1) {
-    const std::variant<Path, std::string> answer =
-        config.planner(start, goal * Pose2{-config.entry.blind_run_in, 0.0, 0.0});
+  if (!config.entry.blind_entry || now.job.attempts > 1) return std::nullopt;
+  for (double run_in = config.entry.blind_run_in; run_in > 0.0; run_in -= nearer) {
+    const std::variant<Path, std::string> answer = config.planner(start, goal * Pose2{-run_in, 0.0, 0.0});
     if (const Path* path = std::get_if<Path>(&answer)) {
       return to_follow(*path, true,
-                       text("path of %.2f m in %d segments without a run-in, then back off; (%s)", length(*path),
+                       text("path of %.2f m in %d segments without a run-in, then back off (%s)", length(*path),
                             static_cast<int>(path->segments.size()), refusal.c_str()));
     }
   }
