@@ -1,0 +1,293 @@
+#include "planning/clothoid.h"
+
+#include <algorithm>
+#include <limits>
+#include <vector>
+
+namespace tagdock {
+namespace {
+
+constexpr double pi = std::numbers::pi;
+constexpr double none = std::numeric_limits<double>::infinity();
+constexpr int headings = 64;  // first look; windows narrower than 2 pi / 64 are searched where the scan comes close
+constexpr double spacing = 2.0 * pi / headings;
+constexpr double golden = 0.3819660112501051;
+
+}  // namespace
+
+/// A middle heading with what is needed of it.
+struct ForwardFamily::Direction {
+  double angle = 0.0;
+  double cos_half = 1.0;
+  double sin_half = 0.0;
+
+  static Direction at(double angle) { return {angle, std::cos(0.5 * angle), std::sin(0.5 * angle)}; }
+};
+
+/// What a heading gives: the path and, if it is none, how far it is from being one.
+struct ForwardFamily::Trial {
+  ForwardPath path;
+  double heading = 0.0;
+  double cost = none;     // length, infinite if there is no path
+  double excess = -none;  // the shorter of the two free straights at the best vertex [m]; a path needs >= 0
+};
+
+ForwardFamily::ForwardFamily(const Pose2& goal, const TurnShape& shape, const Straights& straights, double resolution)
+    : shape_(shape),
+      straights_(straights),
+      goal_(goal),
+      resolution_(resolution),
+      cos_goal_(std::cos(goal.yaw)),
+      sin_goal_(std::sin(goal.yaw)),
+      cos_half_goal_(std::cos(0.5 * goal.yaw)),
+      sin_half_goal_(std::sin(0.5 * goal.yaw)),
+      x_(goal.x - straights.initial - straights.final * cos_goal_),
+      y_(goal.y - straights.final * sin_goal_) {}
+
+ForwardFamily::Trial ForwardFamily::attempt(const Direction& heading) const {
+  Trial trial;
+  trial.heading = heading.angle;
+  const double first = heading.angle;
+  double second = goal_.yaw - first;
+  double side = 1.0;
+  if (second > pi || second < -pi) {
+    second -= std::copysign(2.0 * pi, second);
+    side = -1.0;
+  }
+  const double ch = heading.cos_half;
+  const double sh = heading.sin_half;
+  // Half of the second deflection and the direction of its chord, by the addition theorems.
+  const double cos_half_second = std::abs(cos_half_goal_ * ch + sin_half_goal_ * sh);
+  const double sin_half_second = std::abs(sin_half_goal_ * ch - cos_half_goal_ * sh);
+  const double cos_chord = side * (cos_half_goal_ * ch - sin_half_goal_ * sh);
+  const double sin_chord = side * (sin_half_goal_ * ch + cos_half_goal_ * sh);
+  const double c = (ch - sh) * (ch + sh);
+  const double s = 2.0 * sh * ch;
+  const double chord_first = shape_.chord(first, std::abs(ch), std::abs(sh));
+  const double chord_second = shape_.chord(second, cos_half_second, sin_half_second);
+  // What the straights have to cover.
+  const double x = x_ - chord_first * ch - chord_second * cos_chord;
+  const double y = y_ - chord_first * sh - chord_second * sin_chord;
+  const double sin_second = sin_goal_ * c - cos_goal_ * s;
+  const double toward_goal = x * sin_goal_ - y * cos_goal_;
+  const double toward_middle = x * s - y * c;
+
+  double best = none;
+  const auto consider = [&](double determinant, double one, double other, double& to_one, double& to_other) {
+    if (determinant == 0.0) return;
+    const double a = one / determinant;
+    const double b = other / determinant;
+    trial.excess = std::max(trial.excess, std::min(a, b));
+    if (a < 0.0 || b < 0.0 || !(a + b < best)) return;
+    best = a + b;
+    trial.path = {straights_.initial, first, 0.0, second, straights_.final, 0.0};
+    to_one += a;
+    to_other += b;
+  };
+  if (std::abs(first) > pi || std::abs(first) + std::abs(second) - std::abs(goal_.yaw) > pi) return trial;
+  consider(sin_second, toward_goal, -toward_middle, trial.path.middle, trial.path.final);
+  consider(sin_goal_, toward_goal, y, trial.path.initial, trial.path.final);
+  consider(s, toward_middle, y, trial.path.initial, trial.path.middle);
+  if (best == none) return trial;
+  trial.path.length = straights_.initial + straights_.final + best + shape_.length(first) + shape_.length(second);
+  trial.cost = trial.path.length;
+  return trial;
+}
+
+std::optional<ForwardPath> ForwardFamily::finished(const Trial& trial) const {
+  if (!(trial.cost < none)) return std::nullopt;
+  ForwardPath path = trial.path;
+  // Where two of the straights are nearly parallel their lengths carry rounding errors; what they leave open is put
+  // back along the two directions that differ most.
+  const double middle = path.first;
+  const double cos_middle = std::cos(middle);
+  const double sin_middle = std::sin(middle);
+  const double second = middle + 0.5 * path.second;
+  const double chord_first = shape_.chord(path.first);
+  const double chord_second = shape_.chord(path.second);
+  const double cos_first = std::cos(0.5 * middle);
+  const double sin_first = std::sin(0.5 * middle);
+  const double cos_second = std::cos(second);
+  const double sin_second = std::sin(second);
+  const double scale = std::abs(goal_.x) + std::abs(goal_.y) + path.length;
+  const double enough = 4.0 * std::numeric_limits<double>::epsilon() * scale;
+  double best = none;
+  for (int round = 0; round < 4; ++round) {
+    const double dx = goal_.x - path.initial - chord_first * cos_first - path.middle * cos_middle -
+                      chord_second * cos_second - path.final * cos_goal_;
+    const double dy = goal_.y - chord_first * sin_first - path.middle * sin_middle - chord_second * sin_second -
+                      path.final * sin_goal_;
+    best = std::max(std::abs(dx), std::abs(dy));
+    if (best <= enough) break;
+    const double open_initial = path.initial > straights_.initial ? 1.0 : 0.0;
+    const double open_middle = path.middle > 0.0 ? 1.0 : 0.0;
+    const double open_final = path.final > straights_.final ? 1.0 : 0.0;
+    const double cross_first = sin_middle;                                      // initial x middle
+    const double cross_last = cos_middle * sin_goal_ - sin_middle * cos_goal_;  // middle x final
+    const double a = std::abs(cross_first) * open_initial * open_middle;
+    const double b = std::abs(cross_last) * open_middle * open_final;
+    const double e = std::abs(sin_goal_) * open_initial * open_final;
+    if (a == 0.0 && b == 0.0 && e == 0.0) break;
+    if (a >= b && a >= e) {
+      path.initial += (dx * sin_middle - dy * cos_middle) / cross_first;
+      path.middle += dy / cross_first;
+    } else if (b >= e) {
+      path.middle += (dx * sin_goal_ - dy * cos_goal_) / cross_last;
+      path.final += (cos_middle * dy - sin_middle * dx) / cross_last;
+    } else {
+      path.initial += (dx * sin_goal_ - dy * cos_goal_) / sin_goal_;
+      path.final += dy / sin_goal_;
+    }
+    path.initial = std::max(path.initial, straights_.initial);
+    path.middle = std::max(path.middle, 0.0);
+    path.final = std::max(path.final, straights_.final);
+  }
+  if (best > 4.0 * enough && best > 2.0 * resolution_) return std::nullopt;
+  path.length = path.initial + path.middle + path.final + shape_.length(path.first) + shape_.length(path.second);
+  return path;
+}
+
+std::optional<ForwardPath> ForwardFamily::at(double heading) const {
+  if (!(std::abs(heading) <= pi)) return std::nullopt;
+  return finished(attempt(Direction::at(heading)));
+}
+
+template <class Visit>
+void ForwardFamily::scan(const Visit& visit) const {
+  struct Table {
+    std::array<Direction, headings + 1> at;
+    Table() {
+      for (int i = 0; i <= headings; ++i) at[static_cast<std::size_t>(i)] = Direction::at((i - headings / 2) * spacing);
+    }
+  };
+  static const Table table;
+  for (const Direction& direction : table.at) visit(attempt(direction));
+}
+
+ForwardFamily::Trial ForwardFamily::shortest_between(double low, Trial middle, double high) const {
+  // Golden section on the length; outside a window of feasible headings it is infinite, which only narrows the search.
+  const double enough = 1e-7 * (high - low) + 4e-16 * std::abs(middle.heading);
+  for (int i = 0; i < 48 && high - low > enough; ++i) {
+    const bool right = high - middle.heading > middle.heading - low;
+    const double angle =
+        right ? middle.heading + golden * (high - middle.heading) : middle.heading - golden * (middle.heading - low);
+    const Trial next = attempt(Direction::at(angle));
+    if (next.cost < middle.cost) {
+      (right ? low : high) = middle.heading;
+      middle = next;
+    } else {
+      (right ? high : low) = angle;
+    }
+  }
+  return middle;
+}
+
+std::optional<ForwardFamily::Trial> ForwardFamily::narrow_window(double low, Trial middle, double high) const {
+  double a = low;
+  double b = high;
+  for (int i = 0; i < 40; ++i) {
+    const bool right = b - middle.heading > middle.heading - a;
+    const double angle =
+        right ? middle.heading + golden * (b - middle.heading) : middle.heading - golden * (middle.heading - a);
+    const Trial next = attempt(Direction::at(angle));
+    if (next.cost < none) return shortest_between(a, next, b);
+    if (next.excess > middle.excess) {
+      (right ? a : b) = middle.heading;
+      middle = next;
+    } else {
+      (right ? b : a) = angle;
+    }
+  }
+  return std::nullopt;
+}
+
+std::optional<ForwardPath> ForwardFamily::shortest() const {
+  // No turn at all: offsets that the poses' own rounding hides count as zero, nothing else does.
+  const double hidden = 4.0 * std::numeric_limits<double>::epsilon();
+  const double ahead = goal_.x - straights_.initial - straights_.final;
+  if (std::abs(goal_.yaw) <= hidden && std::abs(goal_.y) <= resolution_ && ahead >= -resolution_)
+    return ForwardPath{straights_.initial + std::max(0.0, ahead), 0.0, 0.0, 0.0, straights_.final, goal_.x};
+
+  std::array<Trial, headings + 1> trials;
+  std::size_t count = 0;
+  std::size_t best = 0;
+  scan([&](const Trial& trial) {
+    if (trial.cost < trials[best].cost) best = count;
+    trials[count++] = trial;
+  });
+  Trial shortest;
+  if (trials[best].cost < none) {
+    const double heading = trials[best].heading;
+    shortest = shortest_between(heading - spacing, trials[best], heading + spacing);
+  }
+  // One turn only: exactly the heading of the start or of the goal.
+  for (const double angle : {0.0, goal_.yaw}) {
+    const Trial trial = attempt(Direction::at(angle));
+    if (trial.cost < shortest.cost) shortest = shortest_between(angle - spacing, trial, angle + spacing);
+  }
+  if (std::optional<ForwardPath> path = finished(shortest)) return path;
+
+  // Nothing yet: look closer where the scan came nearest to a path, and ever closer around the start's and the goal's
+  // heading, where lane changes of any size have their windows.
+  const auto better = [&](const std::optional<Trial>& trial) -> std::optional<ForwardPath> {
+    return trial ? finished(*trial) : std::nullopt;
+  };
+  for (std::size_t i = 0; i < count; ++i) {
+    const double before = i > 0 ? trials[i - 1].excess : -none;
+    const double after = i + 1 < count ? trials[i + 1].excess : -none;
+    if (trials[i].excess == -none || trials[i].excess < before || trials[i].excess < after) continue;
+    const double low = std::max(-pi, trials[i].heading - spacing);
+    const double high = std::min(pi, trials[i].heading + spacing);
+    if (std::optional<ForwardPath> path = better(narrow_window(low, trials[i], high))) return path;
+  }
+  for (const double centre : {0.0, goal_.yaw}) {
+    for (const double side : {1.0, -1.0}) {
+      for (double offset = spacing; offset > 1e-17; offset *= 0.25) {
+        const double angle = centre + side * offset;
+        if (std::abs(angle) > pi) continue;
+        const Trial trial = attempt(Direction::at(angle));
+        if (trial.excess == -none) continue;
+        const double low = centre + (side > 0.0 ? 0.25 : -4.0) * offset;
+        const double high = centre + (side > 0.0 ? 4.0 : -0.25) * offset;
+        const std::optional<Trial> found =
+            trial.cost < none ? shortest_between(low, trial, high) : narrow_window(low, trial, high);
+        if (std::optional<ForwardPath> path = better(found)) return path;
+      }
+    }
+  }
+  return std::nullopt;
+}
+
+void write_path(const Pose2& start, const ForwardPath& forward, const TurnShape& shape, Path& path) {
+  path.start = start;
+  path.segments.clear();
+  append_straight(path.segments, forward.initial);
+  shape.append(path.segments, forward.first, 1);
+  append_straight(path.segments, forward.middle);
+  shape.append(path.segments, forward.second, 1);
+  append_straight(path.segments, forward.final);
+}
+
+double heading_difference(double from, double to) {
+  const double difference = to - from;
+  if (std::abs(from) <= pi && std::abs(to) <= pi) return wrap_angle(difference);
+  // Sines of large angles are exact to rounding; subtracting multiples of a rounded 2 pi is not.
+  const double sine = std::sin(to) * std::cos(from) - std::cos(to) * std::sin(from);
+  const double cosine = std::cos(to) * std::cos(from) + std::sin(to) * std::sin(from);
+  return std::atan2(sine, cosine);
+}
+
+Pose2 goal_seen_from(const Pose2& start, const Pose2& goal) {
+  const double c = std::cos(start.yaw);
+  const double s = std::sin(start.yaw);
+  const double dx = goal.x - start.x;
+  const double dy = goal.y - start.y;
+  return {c * dx + s * dy, c * dy - s * dx, heading_difference(start.yaw, goal.yaw)};
+}
+
+double pose_resolution(const Pose2& start, const Pose2& goal) {
+  const double largest = std::max({std::abs(start.x), std::abs(start.y), std::abs(goal.x), std::abs(goal.y)});
+  return 4.0 * std::numeric_limits<double>::epsilon() * largest;
+}
+
+}  // namespace tagdock

@@ -1,0 +1,50 @@
+#include "planning/reeds_shepp.h"
+
+#include <random>
+#include <set>
+
+#include <catch2/catch.hpp>
+
+#include "tests/planning/endpoint.h"
+
+using namespace tagdock;
+
+TEST_CASE("every Reeds-Shepp word ends at the goal, the shortest first") {
+  std::mt19937 random(1990);
+  std::uniform_real_distribution<double> place(-10.0, 10.0);
+  std::uniform_real_distribution<double> angle(-4.0, 4.0);
+  std::set<std::string> names;
+  for (int i = 0; i < 3000; ++i) {
+    const double field = i % 3 == 0 ? 0.1 : 1.0;
+    const Pose2 start{field * place(random), field * place(random), angle(random)};
+    const Pose2 goal{field * place(random), field * place(random), angle(random)};
+    const ReedsSheppWords words = reeds_shepp_words(start, goal, 1.0);
+    REQUIRE(words.count >= 8);
+    double last = 0.0;
+    for (const ReedsSheppWord& word : words) {
+      CAPTURE(i, word.name(), word.length);
+      const EndError error = end_error(word.path(start, 1.0), goal);
+      CHECK(error.position < 1e-12);  // m; tens of roundings of 20 m
+      CHECK(error.heading < 1e-13);   // rad
+      CHECK(word.length >= last);
+      last = word.length;
+      names.insert(word.name());
+    }
+  }
+  CHECK(names.size() == 48);
+}
+
+TEST_CASE("a goal straight ahead or behind is reached straight, without a whole circle from rounding") {
+  for (const double yaw : {0.0, 0.3, 1.5707963267948966, 2.9, -3.1}) {
+    const Pose2 start{1.0, -2.0, yaw};
+    for (const double way : {3.0, -2.0}) {
+      const ReedsSheppWords words = reeds_shepp_words(start, start * Pose2{way, 0.0, 0.0}, 1.3);
+      CHECK(words.words[0].length == Approx(std::abs(way)).epsilon(1e-12));
+    }
+  }
+}
+
+TEST_CASE("a goal on the first arc is reached by that arc alone") {
+  const Pose2 goal = pose_along({}, {1.1, 0.8, 0.0}, 1.1);
+  CHECK(reeds_shepp_words({}, goal, 0.8).words[0].length == Approx(1.1).epsilon(1e-12));
+}
