@@ -61,7 +61,7 @@ struct ServoConfig {
   ServoLaw law = ServoLaw::line;
   double max_growth = 0.010;     ///< m by which the lateral error may exceed its value at entry
   double max_sigma_y = 0.003;    ///< m, of the camera point
-  double settle_distance = 0.3;  ///< m driven before `max_sigma_y` counts
+  double sigma_within = 0.5;     ///< m to go from which `max_sigma_y` counts
   double centering_end = 0.002;  ///< m from Z* at which the centring law is done
   std::chrono::nanoseconds rest = std::chrono::milliseconds(800);  ///< standing at the goal
   std::chrono::nanoseconds timeout = std::chrono::seconds(40);

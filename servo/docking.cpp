@@ -1,0 +1,764 @@
+#include "servo/docking.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdio>
+#include <limits>
+#include <stdexcept>
+#include <type_traits>
+#include <utility>
+
+#include <Eigen/Cholesky>
+#include <Eigen/LU>
+
+namespace tagdock {
+namespace {
+
+using Time = std::chrono::nanoseconds;
+
+double seconds(Time time) { return std::chrono::duration<double>(time).count(); }
+
+template <typename... Values>
+std::string text(const char* format, Values... values) {
+  std::array<char, 400> buffer{};
+  std::snprintf(buffer.data(), buffer.size(), format, values...);
+  return buffer.data();
+}
+
+LineTarget line_target(const DockingConfig& config) {
+  return {goal_of_axle(config), camera_point(config.rig).x, 0.5 * horizontal_view(config.rig.camera),
+          config.board_width};
+}
+
+double camera_distance(const Pose2& T_station_base, const DockingConfig& config) {
+  return -(T_station_base * camera_point(config.rig)).x;
+}
+
+// Standard deviation of the camera point across the station's axis.
+double sigma_y_of_camera(const PoseEstimate& estimate, const DockingConfig& config) {
+  const Pose2 ahead = camera_point(config.rig);
+  const double yaw = estimate.T_station_base.yaw;
+  const Eigen::Vector3d across(0.0, 1.0, std::cos(yaw) * ahead.x - std::sin(yaw) * ahead.y);
+  return std::sqrt(across.dot(estimate.covariance * across));
+}
+
+bool is_still(const Odometry& odometry) {
+  constexpr double still_speed = 0.002;      // m/s
+  constexpr double still_turn_rate = 0.003;  // rad/s
+  return std::abs(odometry.velocity.linear) < still_speed && std::abs(odometry.velocity.angular) < still_turn_rate;
+}
+
+bool is_fused(const FilterUpdate& update) {
+  return update.use == SightingUse::fused || update.use == SightingUse::fused_without_yaw;
+}
+
+// ------------------------------------------------------------------------------------------------ ends and retries
+
+Step failed(const Job& job, Reason reason, std::optional<Fix> fix = std::nullopt) {
+  std::string sentence = reason.sentence;
+  return {Failed{job, std::move(reason), std::move(fix)}, {}, std::move(sentence)};
+}
+
+// The attempt did not succeed: another one after a back-off, or the end with the first cause.
+Step next_attempt(const Job& job, const Reason& reason, const Inputs& inputs, const DockingConfig& config,
+                  std::optional<Fix> fix = std::nullopt) {
+  Job next = job;
+  if (!next.first_cause) next.first_cause = reason;
+  if (job.attempts > config.back_off.retries || !inputs.estimate) {
+    Reason first = *next.first_cause;
+    if (job.attempts > 1) {
+      first.sentence = text("failed after %d attempts: ", job.attempts) + first.sentence;
+      if (reason.sentence != next.first_cause->sentence) first.sentence += "; the last time: " + reason.sentence;
+    } else if (!inputs.estimate) {
+      first.sentence += "; no second attempt, since the robot does not know where it is";
+    }
+    return failed(next, std::move(first), std::move(fix));
+  }
+  ++next.attempts;
+  next.turn_allowed = false;
+  return {BackingOff{next, inputs.now, std::nullopt}, {}, reason.sentence};
+}
+
+// The estimate was lost on the way: find it again where the robot stands.
+Step acquire_again(const Job& job, const Inputs& inputs, const DockingConfig& config, const std::string& where) {
+  const Reason reason{Cause::pose_uncertain, "the sightings did not fit odometry any more " + where};
+  Job next = job;
+  if (!next.first_cause) next.first_cause = reason;
+  if (job.attempts > config.back_off.retries) return failed(next, *next.first_cause);
+  ++next.attempts;
+  next.turn_allowed = false;
+  Acquiring acquiring;
+  acquiring.job = next;
+  acquiring.since = acquiring.stage_since = inputs.now;
+  return {acquiring, {}, reason.sentence};
+}
+
+template <typename Active>
+Step timed_out(const Active& now, const Inputs& inputs, const DockingConfig& config) {
+  return next_attempt(now.job,
+                      {Cause::timed_out, text("%s took longer than %.0f s", std::string(name(Phase(now))).c_str(),
+                                              seconds(inputs.now - now.since))},
+                      inputs, config);
+}
+
+// ------------------------------------------------------------------------------------------------------- acquiring
+
+bool sees_board(const Inputs& inputs, const DockingConfig& config) {
+  constexpr Time recent = std::chrono::milliseconds(500);
+  return inputs.view && inputs.sighting_age && *inputs.sighting_age < recent + config.gate.declared_latency;
+}
+
+Reason unseen_reason(const Acquiring& now, const Inputs& inputs) {
+  if (now.last_unseen == Unseen::other_tags) {
+    return {Cause::wrong_tags, "tags are in view, but none of the board's; is this the right dock and board file?"};
+  }
+  if (now.last_unseen == Unseen::layout_mismatch) {
+    return {Cause::wrong_tags, "the tags do not stand to each other as in the board file; is this the right dock?"};
+  }
+  if (now.last_unseen == Unseen::duplicate_tag) {
+    return {Cause::wrong_tags, "one of the board's tags is seen twice; are two stations in view?"};
+  }
+  if (!inputs.sighting_age) {
+    return {Cause::tag_never_seen,
+            "the camera works, but the board was not in any frame; is the robot in front of "
+            "the dock, the light on, the lens clean?"};
+  }
+  return {Cause::tag_lost, text("the board was last seen %.1f s ago", seconds(*inputs.sighting_age))};
+}
+
+// The way straight ahead that turns the castors, where the start leaves room for it.
+std::optional<Path> run_in_path(const Job& job, const Inputs& inputs, const DockingConfig& config) {
+  if (job.ran_in || job.attempts > 1 || !inputs.estimate || !inputs.view) return std::nullopt;
+  if (config.run_in.distance <= 0.0 || std::abs(std::atan(inputs.view->x)) > config.run_in.max_bearing) {
+    return std::nullopt;
+  }
+  const double after = inputs.view->depth - config.run_in.distance;
+  if (after < config.run_in.min_distance_after) return std::nullopt;
+  return Path{inputs.odometry.T_odom_base, {{config.run_in.distance, 0.0, 0.0}}};
+}
+
+Step acquired(const Acquiring& now, const Inputs& inputs, const DockingConfig& config, const std::string& found) {
+  if (const std::optional<Path> path = run_in_path(now.job, inputs, config)) {
+    Job job = now.job;
+    job.ran_in = true;
+    return {RunningIn{job, inputs.now, *path, {}}, {}, found + ", room for a castor run-in"};
+  }
+  return {Validating{now.job, inputs.now}, {}, found};
+}
+
+Step step_acquiring(const Acquiring& before, const Inputs& inputs, const DockingConfig& config) {
+  Acquiring now = before;
+  if (inputs.unseen) now.last_unseen = inputs.unseen;
+  if (inputs.sighting) now.last_unseen.reset();
+  const Time in_stage = inputs.now - now.stage_since;
+  const auto enter = [&](Acquiring::Stage stage) {
+    now.stage = stage;
+    now.stage_since = inputs.now;
+    now.fused = 0;
+    return Step{now, {}, {}};
+  };
+  if (inputs.now - now.since > config.acquire.timeout) {
+    return failed(now.job, {Cause::timed_out, text("the board could not be centred and measured within %.0f s",
+                                                   seconds(config.acquire.timeout))});
+  }
+  if (inputs.latency && *inputs.latency > config.gate.declared_latency + config.gate.hold_age) {
+    return failed(now.job,
+                  {Cause::camera_slow,
+                   text("frames are %.0f ms old when they arrive, but the rig declares %.0f ms; declare the latency or "
+                        "cure it",
+                        1e3 * seconds(*inputs.latency), 1e3 * seconds(config.gate.declared_latency))});
+  }
+
+  const bool seen = sees_board(inputs, config);
+  switch (now.stage) {
+    case Acquiring::Stage::looking:
+      if (seen) return enter(now.job.turn_allowed ? Acquiring::Stage::centering : Acquiring::Stage::standing);
+      if (in_stage < config.acquire.unseen || !inputs.frame_age) return {now, {}, {}};
+      if (!now.job.turn_allowed || now.sweep_leg >= 3 || config.acquire.sweep <= 0.0) {
+        return failed(now.job, unseen_reason(now, inputs));
+      }
+      now.yaw_at_sweep = inputs.odometry.T_odom_base.yaw;
+      now.sweep_leg = 0;
+      return enter(Acquiring::Stage::sweeping);
+
+    case Acquiring::Stage::sweeping: {
+      if (seen) return enter(Acquiring::Stage::centering);
+      constexpr std::array<double, 3> ends = {1.0, -1.0, 0.0};
+      const double turned = inputs.odometry.T_odom_base.yaw - now.yaw_at_sweep;
+      const double rest = ends[static_cast<std::size_t>(now.sweep_leg)] * config.acquire.sweep - turned;
+      constexpr double arrival = 0.01;  // rad
+      if (std::abs(rest) < arrival && ++now.sweep_leg == 3) return enter(Acquiring::Stage::looking);
+      return {now, {0.0, std::clamp(2.0 * rest, -config.acquire.sweep_rate, config.acquire.sweep_rate)}, {}};
+    }
+
+    case Acquiring::Stage::centering: {
+      if (!seen) return enter(Acquiring::Stage::looking);
+      if (std::abs(std::atan(inputs.view->x)) < config.acquire.bearing) return enter(Acquiring::Stage::standing);
+      const std::optional<Twist2> turn = center_marker(*inputs.view, inputs.view->depth, config.rig.T_base_camera,
+                                                       Centering::turn_only, config.centering);
+      if (!turn) return enter(Acquiring::Stage::looking);
+      return {now, *turn, {}};
+    }
+
+    case Acquiring::Stage::standing:
+      break;
+  }
+
+  if (inputs.sighting_age && *inputs.sighting_age > config.acquire.unseen) return enter(Acquiring::Stage::looking);
+  if (!is_still(inputs.odometry)) {
+    now.stage_since = inputs.now;
+    now.fused = 0;
+    return {now, {}, {}};
+  }
+  if (in_stage < config.acquire.settle) return {now, {}, {}};
+  if (now.job.turn_allowed && inputs.view && std::abs(std::atan(inputs.view->x)) > 2.0 * config.acquire.bearing) {
+    return enter(Acquiring::Stage::centering);
+  }
+  if (inputs.sighting && is_fused(*inputs.sighting)) ++now.fused;
+  if (now.fused < config.acquire.sightings || !inputs.estimate) {
+    constexpr Time patience = std::chrono::seconds(15);
+    if (in_stage < patience) return {now, {}, {}};
+    const bool ambiguous = inputs.sighting && inputs.sighting->use == SightingUse::ambiguous;
+    return failed(now.job, {Cause::pose_uncertain,
+                            ambiguous ? "the pose of a flat tag seen head-on has two solutions; come from the side or "
+                                        "use a board with turned tags"
+                                      : text("only %d sightings agreed within %.0f s of standing", now.fused,
+                                             seconds(patience))});
+  }
+  const double sigma_y = std::sqrt(inputs.estimate->covariance(1, 1));
+  const double sigma_yaw = std::sqrt(inputs.estimate->covariance(2, 2));
+  const std::string found = text("range %.2f m, yaw %.1f deg, sigma y %.1f mm, yaw %.2f deg",
+                                 camera_distance(inputs.estimate->T_station_base, config),
+                                 degrees(inputs.estimate->T_station_base.yaw), 1e3 * sigma_y, degrees(sigma_yaw));
+  if (sigma_y > config.acquire.max_sigma_y || sigma_yaw > config.acquire.max_sigma_yaw) {
+    if (now.fused < 4 * config.acquire.sightings) return {now, {}, {}};
+    return failed(now.job, {Cause::pose_uncertain, "the pose stays too uncertain to plan: " + found});
+  }
+  return acquired(now, inputs, config, found);
+}
+
+// ---------------------------------------------------------------------------------------------------------- run-in
+
+Step step_running_in(const RunningIn& before, const Inputs& inputs, const DockingConfig& config) {
+  RunningIn now = before;
+  if (inputs.now - now.since > config.run_in.timeout) return timed_out(now, inputs, config);
+  const FollowStep driven =
+      follow(now.path_odom, now.follow, inputs.odometry.T_odom_base, inputs.step, config.segments);
+  now.follow = driven.next;
+  if (!driven.arrived) return {now, driven.command, {}};
+  Acquiring acquiring;
+  acquiring.job = now.job;
+  acquiring.since = acquiring.stage_since = inputs.now;
+  return {acquiring, {}, text("driven %.2f m straight ahead", config.run_in.distance)};
+}
+
+// ------------------------------------------------------------------------------------------------------ validating
+
+struct EntryCheck {
+  bool good = false;
+  std::string found;
+};
+
+// Whether the line law can start here.
+EntryCheck entry_check(const Pose2& T_station_base, const DockingConfig& config) {
+  const Pose2 T_goal_base = between(goal_of_axle(config), T_station_base);
+  const double rest = -T_goal_base.x;
+  const double heading = wrap_angle(T_goal_base.yaw);
+  const double left = lateral_left(T_goal_base.y, heading, std::max(0.0, rest), config.line.length);
+  // Beyond this lateral error the heading limit holds the law back, and the estimate of what is left is too good.
+  const double linear = 2.0 * config.line.length * std::tan(2.0 * config.line.min_heading);
+  const bool good = rest > 0.0 && std::abs(left) < config.entry.lateral_left && std::abs(T_goal_base.y) < linear &&
+                    std::abs(heading) < config.entry.max_heading;
+  return {good, text("%.2f m to go, %+.1f mm beside the line, %+.2f deg", rest, 1e3 * T_goal_base.y, degrees(heading))};
+}
+
+// Whether the board's middle stays in view all along a path.
+bool keeps_view(const Path& path, const DockingConfig& config) {
+  const double half_view = 0.5 * horizontal_view(config.rig.camera) - config.entry.view_margin;
+  const double whole = length(path);
+  constexpr double spacing = 0.05;  // m
+  const int steps = std::max(1, static_cast<int>(std::ceil(whole / spacing)));
+  for (int i = 0; i <= steps; ++i) {
+    const Pose2 T_station_base = point_at(path, whole * i / steps).pose;
+    const std::optional<MarkerView> view =
+        marker_view(config.rig.T_base_camera, level_view(config.rig, T_station_base));
+    if (!view || std::abs(std::atan(view->x)) > half_view) return false;
+  }
+  return true;
+}
+
+std::optional<Step> planned(const Validating& now, const Inputs& inputs, const DockingConfig& config,
+                            std::string& refusal) {
+  const Pose2 start = inputs.estimate->T_station_base;
+  const Pose2 goal = goal_of_axle(config);
+  const auto to_follow = [&](const Path& path, bool blind, const std::string& reason) {
+    Following following;
+    following.job = now.job;
+    following.job.turn_allowed = false;
+    following.since = inputs.now;
+    following.path = path;
+    following.T_station_odom = start * inverse(inputs.odometry.T_odom_base);
+    following.blind = blind;
+    return Step{following, {}, reason};
+  };
+  constexpr double nearer = 0.1;  // m, between the entries that are tried
+  for (double run_in = config.entry.run_in; run_in > config.entry.min_run_in - 1e-9; run_in -= nearer) {
+    const std::variant<Path, std::string> answer = config.planner(start, goal * Pose2{-run_in, 0.0, 0.0});
+    if (const Path* path = std::get_if<Path>(&answer)) {
+      if (keeps_view(*path, config)) {
+        return to_follow(*path, false,
+                         text("path of %.2f m in %d segments, run-in %.1f m", length(*path),
+                              static_cast<int>(path->segments.size()), run_in));
+      }
+      refusal = "on every path the board leaves the view";
+    } else {
+      refusal = std::get<std::string>(answer);
+    }
+  }
+  if (!config.entry.blind_entry || now.job.attempts > 1) return std::nullopt;
+  for (double run_in = config.entry.blind_run_in; run_in > 0.0; run_in -= nearer) {
+    const std::variant<Path, std::string> answer = config.planner(start, goal * Pose2{-run_in, 0.0, 0.0});
+    if (const Path* path = std::get_if<Path>(&answer)) {
+      return to_follow(*path, true,
+                       text("path of %.2f m in %d segments without a run-in, then back off (%s)", length(*path),
+                            static_cast<int>(path->segments.size()), refusal.c_str()));
+    }
+  }
+  return std::nullopt;
+}
+
+Step step_validating(const Validating& now, const Inputs& inputs, const DockingConfig& config) {
+  if (!inputs.estimate) return acquire_again(now.job, inputs, config, "while planning");
+  const Pose2 T_goal_base = between(goal_of_axle(config), inputs.estimate->T_station_base);
+  if (std::abs(T_goal_base.x) < config.fix.tolerance_x && std::abs(T_goal_base.y) < config.fix.tolerance_y &&
+      std::abs(wrap_angle(T_goal_base.yaw)) < config.fix.tolerance_yaw) {
+    return {Fixing{now.job, inputs.now, {}}, {}, "the robot stands at the dock already"};
+  }
+  const EntryCheck entry = entry_check(inputs.estimate->T_station_base, config);
+  if (entry.good) {
+    Servoing servoing;
+    servoing.job = now.job;
+    servoing.job.turn_allowed = false;
+    servoing.since = inputs.now;
+    servoing.lateral_at_entry = T_goal_base.y;
+    return {servoing, {}, "on the dock's line: " + entry.found};
+  }
+  std::string refusal = "no path was tried";
+  if (std::optional<Step> plan = planned(now, inputs, config, refusal)) return *std::move(plan);
+  const Reason reason{Cause::no_plan, "there is no path to the dock from here (" + entry.found + "): " + refusal};
+  constexpr double worth = 0.2;  // m; a shorter back-off changes nothing
+  if (camera_distance(inputs.estimate->T_station_base, config) + worth > config.back_off.camera_distance) {
+    return failed(now.job, now.job.first_cause ? *now.job.first_cause : reason);
+  }
+  return next_attempt(now.job, reason, inputs, config);
+}
+
+// ------------------------------------------------------------------------------------------------------- following
+
+Step to_servo(const Following& now, const Inputs& inputs, const DockingConfig& config) {
+  const Pose2 T_goal_base = between(goal_of_axle(config), inputs.estimate->T_station_base);
+  const EntryCheck entry = entry_check(inputs.estimate->T_station_base, config);
+  if (!entry.good) return next_attempt(now.job, {Cause::entry_missed, "the path ended " + entry.found}, inputs, config);
+  Servoing servoing;
+  servoing.job = now.job;
+  servoing.since = inputs.now;
+  servoing.lateral_at_entry = T_goal_base.y;
+  return {servoing, inputs.last_command, entry.found};
+}
+
+Step step_following(const Following& before, const Inputs& inputs, const DockingConfig& config) {
+  Following now = before;
+  if (!inputs.estimate) return acquire_again(now.job, inputs, config, "while a path was driven");
+  const Time limit = 2 * travel_time(length(now.path), config.segments) + std::chrono::seconds(10);
+  if (inputs.now - now.since > limit) return timed_out(now, inputs, config);
+
+  OdometryControllerConfig controller = config.segments;
+  if (!now.blind) controller.end_speed = 0.05;  // m/s; the line law takes over in motion
+  const Pose2 by_odometry = now.T_station_odom * inputs.odometry.T_odom_base;
+  const Pose2 pose = config.fuse_in_segments ? inputs.estimate->T_station_base : by_odometry;
+  const FollowStep driven = follow(now.path, now.follow, pose, inputs.step, controller);
+  now.follow = driven.next;
+  constexpr double hand_over = 0.010;  // m before the end
+  if (!now.blind && driven.remaining < hand_over) return to_servo(now, inputs, config);
+  if (!driven.arrived) return {now, driven.command, {}};
+  // A blind entry was planned to end here: the back-off belongs to the same attempt.
+  return {BackingOff{now.job, inputs.now, std::nullopt}, {}, "end of the path"};
+}
+
+// -------------------------------------------------------------------------------------------------------- servoing
+
+Step to_fix(const Servoing& now, const Inputs& inputs) {
+  const Pose2& there = inputs.estimate->T_station_base;
+  return {Fixing{now.job, inputs.now, {}}, {}, text("standing at x %.4f m, y %+.4f m", there.x, there.y)};
+}
+
+Step step_servoing(const Servoing& before, const Inputs& inputs, const DockingConfig& config) {
+  Servoing now = before;
+  if (!inputs.estimate) return acquire_again(now.job, inputs, config, "on the line");
+  if (now.reached) {
+    if (inputs.now - *now.reached < config.servo.rest || !is_still(inputs.odometry)) {
+      if (inputs.now - now.since > config.servo.timeout) return timed_out(now, inputs, config);
+      return {now, {}, {}};
+    }
+    return to_fix(now, inputs);
+  }
+  if (inputs.now - now.since > config.servo.timeout) return timed_out(now, inputs, config);
+  const Time unseen = inputs.sighting_age.value_or(inputs.now - now.since) - config.gate.declared_latency;
+  if (unseen > config.gate.back_off_age) {
+    const bool no_frames = inputs.frame_age && *inputs.frame_age - config.gate.declared_latency > config.gate.hold_age;
+    return next_attempt(now.job,
+                        {no_frames ? Cause::camera_lost : Cause::tag_lost,
+                         text(no_frames ? "no frame from the camera for %.1f s on the line"
+                                        : "the board was not seen for %.1f s on the line",
+                              seconds(unseen))},
+                        inputs, config);
+  }
+
+  now.travelled += std::abs(inputs.odometry.velocity.linear) * seconds(inputs.step);
+  const LineCommand line = follow_line(line_target(config), inputs.estimate->T_station_base, inputs.last_command,
+                                       inputs.odometry.velocity.linear, inputs.step, now.slow, config.line);
+  if (config.servo.law == ServoLaw::centering) {
+    const double wanted = -config.dock_pose.x;
+    if (!inputs.view) return {now, {}, {}};
+    const double rest = inputs.view->depth - wanted - inputs.odometry.velocity.linear * config.line.response_time;
+    if (std::abs(rest) < config.servo.centering_end) {
+      now.reached = inputs.now;
+      return {now, {}, {}};
+    }
+    const std::optional<Twist2> centering =
+        center_marker(*inputs.view, wanted, config.rig.T_base_camera, Centering::turn_and_drive, config.centering);
+    return {now, centering.value_or(Twist2{}), {}};
+  }
+
+  if (std::abs(line.lateral) - std::abs(now.lateral_at_entry) > config.servo.max_growth) {
+    return next_attempt(now.job,
+                        {Cause::drifted, text("the lateral error grew from %.1f to %.1f mm on the line",
+                                              1e3 * now.lateral_at_entry, 1e3 * line.lateral)},
+                        inputs, config);
+  }
+  const double sigma_y = sigma_y_of_camera(*inputs.estimate, config);
+  if (line.remaining < config.servo.sigma_within && sigma_y > config.servo.max_sigma_y) {
+    return next_attempt(now.job, {Cause::drifted, text("the lateral position is known to %.1f mm only", 1e3 * sigma_y)},
+                        inputs, config);
+  }
+  now.swing = watch(now.swing, now.travelled, line.heading, config.swing);
+  if (swings(now.swing, config.swing)) {
+    if (now.slow) {
+      return next_attempt(now.job, {Cause::swinging, "the heading swings about the line, also when slow"}, inputs,
+                          config);
+    }
+    now.slow = true;
+    now.swing = {};
+  }
+  if (line.reached) now.reached = inputs.now;
+  return {now, line.command, {}};
+}
+
+// ---------------------------------------------------------------------------------------------------------- fixing
+
+Step step_fixing(const Fixing& before, const Inputs& inputs, const DockingConfig& config) {
+  Fixing now = before;
+  if (!inputs.estimate) return acquire_again(now.job, inputs, config, "at the dock");
+  if (inputs.now - now.since > config.fix.timeout) {
+    return next_attempt(now.job,
+                        {Cause::tag_lost, text("only %d of %d sightings at the dock within %.0f s",
+                                               static_cast<int>(now.sightings.size()), config.fix.sightings,
+                                               seconds(config.fix.timeout))},
+                        inputs, config);
+  }
+  if (!is_still(inputs.odometry)) {
+    now.sightings.clear();
+    return {now, {}, {}};
+  }
+  if (inputs.sighting && is_fused(*inputs.sighting) && inputs.sighting->sighting->time > now.since) {
+    now.sightings.push_back(*inputs.sighting->sighting);
+  }
+  if (static_cast<int>(now.sightings.size()) < config.fix.sightings) return {now, {}, {}};
+
+  const std::optional<Fix> fix = fix_from(now.sightings, config);
+  const Eigen::Vector3d sigma = fix->covariance.diagonal().cwiseSqrt();
+  const std::string found =
+      text("error x %+.2f mm, y %+.2f mm, yaw %+.3f deg (sigma %.2f, %.2f mm, %.3f deg)", 1e3 * fix->error.x,
+           1e3 * fix->error.y, degrees(fix->error.yaw), 1e3 * sigma.x(), 1e3 * sigma.y(), degrees(sigma.z()));
+  const bool inside = std::abs(fix->error.x) + config.fix.sigmas * sigma.x() <= config.fix.tolerance_x &&
+                      std::abs(fix->error.y) + config.fix.sigmas * sigma.y() <= config.fix.tolerance_y &&
+                      std::abs(fix->error.yaw) + config.fix.sigmas * sigma.z() <= config.fix.tolerance_yaw;
+  if (inside) return {Docked{now.job, *fix}, {}, found};
+  return next_attempt(now.job, {Cause::outside_tolerance, "not surely within the tolerance: " + found}, inputs, config,
+                      fix);
+}
+
+// ----------------------------------------------------------------------------------------------- back-off and pause
+
+Step step_backing_off(const BackingOff& before, const Inputs& inputs, const DockingConfig& config) {
+  BackingOff now = before;
+  if (!inputs.estimate) return acquire_again(now.job, inputs, config, "in the back-off");
+  if (inputs.now - now.since > config.back_off.timeout) return timed_out(now, inputs, config);
+  if (!now.reached) {
+    const LineCommand line =
+        back_along_line(line_target(config), inputs.estimate->T_station_base, config.back_off.camera_distance,
+                        inputs.last_command, inputs.odometry.velocity.linear, inputs.step, config.line);
+    if (line.reached) now.reached = inputs.now;
+    return {now, line.command, {}};
+  }
+  if (inputs.now - *now.reached < config.back_off.rest) return {now, {}, {}};
+  Acquiring acquiring;
+  acquiring.job = now.job;
+  acquiring.job.turn_allowed = false;
+  acquiring.since = acquiring.stage_since = inputs.now;
+  return {acquiring, {}, text("backed off to %.2f m", camera_distance(inputs.estimate->T_station_base, config))};
+}
+
+Step step_paused(const Paused& now, const Inputs& inputs, const DockingConfig& config) {
+  if (inputs.request == Request::resume) {
+    Acquiring acquiring;
+    acquiring.job = now.job;
+    acquiring.since = acquiring.stage_since = inputs.now;
+    return {acquiring, {}, "resumed"};
+  }
+  if (inputs.now - now.since > config.pause_timeout) {
+    return failed(now.job, {Cause::timed_out, text("paused for more than %.0f s", seconds(config.pause_timeout))});
+  }
+  return {now, {}, {}};
+}
+
+// What holds in every phase that is under way.
+template <typename Active>
+std::optional<Step> interrupted(const Active& now, const Inputs& inputs, const DockingConfig& config) {
+  constexpr bool over =
+      std::is_same_v<Active, Docked> || std::is_same_v<Active, Failed> || std::is_same_v<Active, Stopped>;
+  if (inputs.request == Request::stop) {
+    const Reason reason{Cause::stopped_by_person, "stopped by the operator or the guard"};
+    return Step{Stopped{now.job, reason}, {}, reason.sentence};
+  }
+  if (inputs.request == Request::cancel) {
+    return failed(now.job, {Cause::cancelled, "cancelled by the operator"});
+  }
+  if constexpr (!over && !std::is_same_v<Active, Paused>) {
+    if (inputs.request == Request::pause) {
+      return Step{Paused{now.job, inputs.now, name(Phase(now))}, {}, "paused by the operator"};
+    }
+    const Time age = inputs.frame_age ? *inputs.frame_age - config.gate.declared_latency : inputs.now - now.since;
+    if (age > config.gate.give_up_age) {
+      const std::string why = inputs.camera_sentence.empty() ? std::string() : ": " + inputs.camera_sentence;
+      return failed(now.job,
+                    {Cause::camera_lost, (inputs.frame_age ? text("no frame from the camera for %.1f s", seconds(age))
+                                                           : text("no frame at all within %.1f s", seconds(age))) +
+                                             why});
+    }
+  }
+  return std::nullopt;
+}
+
+}  // namespace
+
+void check(const DockingConfig& config) {
+  check(config.gate);
+  check(config.rig.camera);
+  const auto require = [](bool good, const std::string& sentence) {
+    if (!good) throw std::invalid_argument(sentence);
+  };
+  require(is_finite(config.dock_pose) && config.dock_pose.x < 0.0,
+          text("the docking pose x %g m, y %g m must be finite and before the wall (x below 0)", config.dock_pose.x,
+               config.dock_pose.y));
+  require(
+      config.line.length >= 0.2 && config.line.slow_length >= config.line.length,
+      text("line.length is %g m; it must be at least 0.2 m, and line.slow_length not below it", config.line.length));
+  require(config.line.max_speed > 0.0 && config.line.max_speed <= config.gate.max_speed,
+          text("line.max_speed is %g m/s; it must be above 0 and at most gate.max_speed, %g m/s", config.line.max_speed,
+               config.gate.max_speed));
+  require(config.segments.max_speed > 0.0 && config.segments.max_speed <= config.gate.max_speed,
+          text("segments.max_speed is %g m/s; it must be above 0 and at most gate.max_speed, %g m/s",
+               config.segments.max_speed, config.gate.max_speed));
+  require(config.segments.damping > 0.0 && config.segments.damping <= 1.0,
+          text("segments.damping is %g; it must be above 0 and at most 1", config.segments.damping));
+  require(config.fix.sightings >= 1 && config.acquire.sightings >= 1,
+          "fix.sightings and acquire.sightings must be at least 1");
+  require(config.fix.tolerance_x > 0.0 && config.fix.tolerance_y > 0.0 && config.fix.tolerance_yaw > 0.0,
+          "the tolerances of fix must be above 0");
+  require(config.back_off.retries >= 0, "back_off.retries must not be negative");
+  require(config.back_off.camera_distance > -config.dock_pose.x,
+          text("back_off.camera_distance is %g m; it must be farther than the dock, %g m",
+               config.back_off.camera_distance, -config.dock_pose.x));
+  const LineTarget target = line_target(config);
+  const double view = heading_limit(target, -config.dock_pose.x, config.line, true);
+  require(
+      view >= config.line.min_heading,
+      text("at the docking pose the board of %g m fills the view so far that only %.1f degrees of heading are left; "
+           "dock farther away or use a smaller board",
+           config.board_width, degrees(view)));
+  require(static_cast<bool>(config.planner), "no planner is set");
+}
+
+Pose2 goal_of_axle(const DockingConfig& config) { return config.dock_pose * inverse(camera_point(config.rig)); }
+
+std::string_view name(const Phase& phase) {
+  struct Names {
+    std::string_view operator()(const Acquiring&) const { return "acquiring"; }
+    std::string_view operator()(const RunningIn&) const { return "castor run-in"; }
+    std::string_view operator()(const Validating&) const { return "validating"; }
+    std::string_view operator()(const Following&) const { return "following"; }
+    std::string_view operator()(const Servoing&) const { return "servoing"; }
+    std::string_view operator()(const Fixing&) const { return "fixing"; }
+    std::string_view operator()(const BackingOff&) const { return "backing off"; }
+    std::string_view operator()(const Paused&) const { return "paused"; }
+    std::string_view operator()(const Docked&) const { return "docked"; }
+    std::string_view operator()(const Failed&) const { return "failed"; }
+    std::string_view operator()(const Stopped&) const { return "stopped"; }
+  };
+  return std::visit(Names{}, phase);
+}
+
+const Job& job_of(const Phase& phase) {
+  return std::visit([](const auto& now) -> const Job& { return now.job; }, phase);
+}
+
+bool is_over(const Phase& phase) {
+  return std::holds_alternative<Docked>(phase) || std::holds_alternative<Failed>(phase) ||
+         std::holds_alternative<Stopped>(phase);
+}
+
+std::optional<Reason> reason_of(const Phase& phase) {
+  if (const Failed* failure = std::get_if<Failed>(&phase)) return failure->reason;
+  if (const Stopped* stop = std::get_if<Stopped>(&phase)) return stop->reason;
+  return std::nullopt;
+}
+
+FrameNeed frame_need(const Phase& phase) {
+  if (std::holds_alternative<Servoing>(phase)) return FrameNeed::sightings;
+  if (const Acquiring* acquiring = std::get_if<Acquiring>(&phase)) {
+    return acquiring->stage == Acquiring::Stage::centering ? FrameNeed::sightings : FrameNeed::frames;
+  }
+  // Backwards over the ground that was just driven, away from the station: by odometry alone if need be.
+  return std::holds_alternative<BackingOff>(phase) ? FrameNeed::none : FrameNeed::frames;
+}
+
+Phase first_phase(std::chrono::nanoseconds now) {
+  Acquiring acquiring;
+  acquiring.since = acquiring.stage_since = now;
+  return acquiring;
+}
+
+std::span<const Transition> transitions() {
+  static constexpr std::array<Transition, 30> table = {{
+      {"acquiring", "castor run-in", "measured, with room ahead"},
+      {"acquiring", "validating", "measured"},
+      {"acquiring", "failed", "not seen, uncertain, camera slow or timed out"},
+      {"castor run-in", "acquiring", "driven"},
+      {"castor run-in", "backing off", "timed out"},
+      {"castor run-in", "failed", "timed out"},
+      {"validating", "fixing", "docked already"},
+      {"validating", "servoing", "on the line"},
+      {"validating", "following", "path found"},
+      {"validating", "backing off", "no path from here"},
+      {"validating", "acquiring", "estimate lost"},
+      {"validating", "failed", "no path"},
+      {"following", "servoing", "at the entry"},
+      {"following", "backing off", "entry missed, timed out or blind"},
+      {"following", "acquiring", "estimate lost"},
+      {"following", "failed", "attempts used up"},
+      {"servoing", "fixing", "at the goal"},
+      {"servoing", "backing off", "tag lost, drifted, swinging or timed out"},
+      {"servoing", "acquiring", "estimate lost"},
+      {"servoing", "failed", "attempts used up"},
+      {"fixing", "docked", "inside tolerance"},
+      {"fixing", "backing off", "outside tolerance or not seen"},
+      {"fixing", "acquiring", "estimate lost"},
+      {"fixing", "failed", "attempts used up"},
+      {"backing off", "acquiring", "far enough, or estimate lost"},
+      {"backing off", "failed", "attempts used up"},
+      {"paused", "acquiring", "resumed"},
+      {"any", "paused", "asked to"},
+      {"any", "failed", "cancelled or camera lost"},
+      {"any", "stopped", "fault, operator or guard"},
+  }};
+  return table;
+}
+
+std::optional<Fix> fix_from(std::span<const PlanarSighting> sightings, const DockingConfig& config) {
+  if (sightings.empty()) return std::nullopt;
+  const Pose2 ahead = camera_point(config.rig);
+  const Pose2 about = sightings.front().T_station_base * ahead;
+
+  // Everything below is of the camera point: [x y yaw] against the first sighting's.
+  const double count = static_cast<double>(sightings.size());
+  std::vector<Eigen::Vector3d> points;
+  std::vector<Eigen::Matrix3d> covariances;
+  Eigen::Matrix3d information = Eigen::Matrix3d::Zero();
+  Eigen::Vector3d weighted = Eigen::Vector3d::Zero();
+  Eigen::Matrix3d bias = Eigen::Matrix3d::Zero();
+  for (const PlanarSighting& sighting : sightings) {
+    const Pose2 point = sighting.T_station_base * ahead;
+    const double yaw = sighting.T_station_base.yaw;
+    Eigen::Matrix3d camera_by_base = Eigen::Matrix3d::Identity();
+    camera_by_base(0, 2) = -std::sin(yaw) * ahead.x - std::cos(yaw) * ahead.y;
+    camera_by_base(1, 2) = std::cos(yaw) * ahead.x - std::sin(yaw) * ahead.y;
+    points.emplace_back(point.x - about.x, point.y - about.y, wrap_angle(point.yaw - about.yaw));
+    covariances.emplace_back(camera_by_base * sighting.covariance * camera_by_base.transpose());
+    bias += camera_by_base * sighting.bias_covariance * camera_by_base.transpose() / count;
+    const Eigen::Matrix3d inverse_covariance = covariances.back().inverse();
+    information += inverse_covariance;
+    weighted += inverse_covariance * points.back();
+  }
+  const Eigen::Vector3d mean = information.ldlt().solve(weighted);
+
+  Fix fix;
+  fix.sightings = static_cast<int>(sightings.size());
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    const Eigen::Vector3d error = points[i] - mean;
+    fix.chi2 += error.dot(covariances[i].ldlt().solve(error));
+  }
+  if (sightings.size() > 1) fix.chi2 /= 3.0 * (count - 1.0);
+  // Sightings that scatter more than their covariance says are believed less.
+  const double scatter = std::max(1.0, fix.chi2);
+  const double position = config.fix.calibration_position * config.fix.calibration_position;
+  const double turn = config.fix.calibration_yaw * config.fix.calibration_yaw;
+  fix.covariance = scatter * information.inverse() + bias;
+  fix.covariance.diagonal() += Eigen::Vector3d(position, position, turn);
+
+  const Pose2 point{about.x + mean.x(), about.y + mean.y(), about.yaw + mean.z()};
+  fix.T_station_base = point * inverse(ahead);
+  fix.error = {point.x - config.dock_pose.x, point.y - config.dock_pose.y,
+               wrap_angle(point.yaw - config.dock_pose.yaw)};
+  return fix;
+}
+
+std::optional<double> distance_to_go(const Phase& phase, const std::optional<PoseEstimate>& estimate,
+                                     const DockingConfig& config) {
+  if (const Following* following = std::get_if<Following>(&phase)) {
+    const Pose2 entry = end_pose(following->path);
+    const Pose2 rest = between(goal_of_axle(config), entry);
+    return length(following->path) - following->follow.reference + std::hypot(rest.x, rest.y);
+  }
+  if (!estimate) return std::nullopt;
+  const Pose2 rest = between(goal_of_axle(config), estimate->T_station_base);
+  return std::hypot(rest.x, rest.y);
+}
+
+Step step(const Phase& phase, const Inputs& inputs, const DockingConfig& config) {
+  struct Stepper {
+    const Inputs& inputs;
+    const DockingConfig& config;
+
+    Step operator()(const Acquiring& now) const { return step_acquiring(now, inputs, config); }
+    Step operator()(const RunningIn& now) const { return step_running_in(now, inputs, config); }
+    Step operator()(const Validating& now) const { return step_validating(now, inputs, config); }
+    Step operator()(const Following& now) const { return step_following(now, inputs, config); }
+    Step operator()(const Servoing& now) const { return step_servoing(now, inputs, config); }
+    Step operator()(const Fixing& now) const { return step_fixing(now, inputs, config); }
+    Step operator()(const BackingOff& now) const { return step_backing_off(now, inputs, config); }
+    Step operator()(const Paused& now) const { return step_paused(now, inputs, config); }
+    Step operator()(const Docked& now) const { return {now, {}, {}}; }
+    Step operator()(const Failed& now) const { return {now, {}, {}}; }
+    Step operator()(const Stopped& now) const { return {now, {}, {}}; }
+  };
+  if (!is_over(phase)) {
+    const std::optional<Step> interruption =
+        std::visit([&](const auto& now) { return interrupted(now, inputs, config); }, phase);
+    if (interruption) return *interruption;
+  }
+  return std::visit(Stepper{inputs, config}, phase);
+}
+
+}  // namespace tagdock

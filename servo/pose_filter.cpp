@@ -1,0 +1,369 @@
+#include "servo/pose_filter.h"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+#include <Eigen/Cholesky>
+#include <Eigen/LU>
+
+namespace tagdock {
+namespace {
+
+using Clock = std::chrono::nanoseconds;
+
+double seconds(Clock time) { return std::chrono::duration<double>(time).count(); }
+
+Eigen::Vector3d difference(const Pose2& a, const Pose2& b) { return {a.x - b.x, a.y - b.y, wrap_angle(a.yaw - b.yaw)}; }
+
+// Motion at constant velocity.
+Pose2 moved(const Pose2& start, const Twist2& velocity, double time) {
+  const double turn = velocity.angular * time;
+  const double distance = velocity.linear * time;
+  return start * Pose2{distance * std::cos(0.5 * turn), distance * std::sin(0.5 * turn), turn};
+}
+
+// The part of a motion that is done after a share of its time, along an arc.
+Pose2 share_of(const Pose2& motion, double share) {
+  const double turn = share * motion.yaw;
+  const double half = 0.5 * motion.yaw;
+  // The chord of the arc points along half the turn; its length shrinks with the angle by sin(share half)/sin(half).
+  const double ratio = std::abs(half) < 1e-6 ? share : std::sin(share * half) / std::sin(half);
+  const double c = std::cos(share * half - half);
+  const double s = std::sin(share * half - half);
+  return {ratio * (c * motion.x - s * motion.y), ratio * (s * motion.x + c * motion.y), turn};
+}
+
+// Drift of odometry over one motion, in the body axes of its middle (notes on docking, 4.6).
+Eigen::Matrix3d drift(const Pose2& motion, double heading, const PoseFilterConfig& config) {
+  const double distance = std::hypot(motion.x, motion.y);
+  const double forward = config.forward_noise * config.forward_noise * distance;
+  const double sideways = config.sideways_noise * config.sideways_noise * distance;
+  const double turned = config.turn_noise * motion.yaw;
+  const double c = std::cos(heading + 0.5 * motion.yaw);
+  const double s = std::sin(heading + 0.5 * motion.yaw);
+  Eigen::Matrix3d noise = Eigen::Matrix3d::Zero();
+  noise(0, 0) = c * c * forward + s * s * sideways;
+  noise(1, 1) = s * s * forward + c * c * sideways;
+  noise(0, 1) = noise(1, 0) = c * s * (forward - sideways);
+  noise(2, 2) = config.yaw_noise * config.yaw_noise * distance + 2.0 * turned * turned;
+  return noise;
+}
+
+// Covariance of T_station_base after a motion in the body frame.
+Eigen::Matrix3d predicted(const Eigen::Matrix3d& covariance, const Pose2& T_station_base, const Pose2& motion,
+                          const PoseFilterConfig& config) {
+  const double c = std::cos(T_station_base.yaw);
+  const double s = std::sin(T_station_base.yaw);
+  Eigen::Matrix3d by_state = Eigen::Matrix3d::Identity();
+  by_state(0, 2) = -s * motion.x - c * motion.y;
+  by_state(1, 2) = c * motion.x - s * motion.y;
+  Eigen::Matrix3d result = by_state * covariance * by_state.transpose() + drift(motion, T_station_base.yaw, config);
+  return 0.5 * (result + result.transpose());
+}
+
+// Takes the heading out of a sighting: a turn about the station's origin, which leaves bearing and distance.
+Eigen::Matrix3d without_yaw(const PlanarSighting& sighting, double sigma) {
+  const Eigen::Vector3d turn(-sighting.T_station_base.y, sighting.T_station_base.x, 1.0);
+  return sighting.covariance + sigma * sigma * turn * turn.transpose();
+}
+
+double distance2(const Eigen::Vector3d& error, const Eigen::Matrix3d& covariance) {
+  return error.dot(covariance.ldlt().solve(error));
+}
+
+bool is_usable(const Eigen::Matrix3d& covariance) {
+  return covariance.allFinite() && covariance.diagonal().minCoeff() > 0.0 &&
+         covariance.ldlt().vectorD().minCoeff() > 0.0;
+}
+
+// Mean square of the corners' standard deviations [px^2]; 0 without tags.
+double corner_variance(const BoardSighting& sighting) {
+  double sum = 0.0;
+  for (const RefinedTag& tag : sighting.tags) sum += tag.covariance_px2.trace() / 8.0;
+  return sighting.tags.empty() ? 0.0 : sum / static_cast<double>(sighting.tags.size());
+}
+
+}  // namespace
+
+Pose2 camera_point(const Rig& rig) {
+  return {rig.T_base_camera.translation().x(), rig.T_base_camera.translation().y(), 0.0};
+}
+
+Eigen::Isometry3d level_view(const Rig& rig, const Pose2& T_station_base) {
+  Eigen::Isometry3d T_station_base_3d = Eigen::Isometry3d::Identity();
+  T_station_base_3d.translation() << T_station_base.x, T_station_base.y, 0.0;
+  T_station_base_3d.linear() = Eigen::AngleAxisd(T_station_base.yaw, Eigen::Vector3d::UnitZ()).toRotationMatrix();
+  return (T_station_base_3d * rig.T_base_camera).inverse();
+}
+
+PlanarSighting planar_sighting(const Rig& rig, std::chrono::nanoseconds time, const Eigen::Isometry3d& T_camera_station,
+                               const Matrix6& covariance, double bias_share) {
+  const Eigen::Isometry3d T_station_camera = T_camera_station.inverse();
+  const Eigen::Matrix3d R_station_camera = T_station_camera.linear();
+  const Eigen::Vector3d forward_camera = rig.T_base_camera.linear().transpose() * Eigen::Vector3d::UnitX();
+  const Eigen::Vector3d forward_station = R_station_camera * forward_camera;
+  const Eigen::Vector3d camera_station = T_station_camera.translation();
+  const double level2 = forward_station.head<2>().squaredNorm();
+
+  const Pose2 ahead = camera_point(rig);
+  const double yaw = std::atan2(forward_station.y(), forward_station.x());
+  PlanarSighting sighting;
+  sighting.time = time;
+  sighting.T_station_base = Pose2{camera_station.x(), camera_station.y(), yaw} * inverse(ahead);
+
+  // A small motion [rho theta] on the left of T_camera_station moves the camera by -R rho and turns its forward
+  // direction b to R (b + b x theta).
+  Eigen::Matrix<double, 3, 3> forward_by_turn;
+  forward_by_turn << 0.0, -forward_camera.z(), forward_camera.y(),  //
+      forward_camera.z(), 0.0, -forward_camera.x(),                 //
+      -forward_camera.y(), forward_camera.x(), 0.0;
+  forward_by_turn = R_station_camera * forward_by_turn;
+  Eigen::Matrix<double, 3, 6> camera_by_motion = Eigen::Matrix<double, 3, 6>::Zero();
+  camera_by_motion.topLeftCorner<2, 3>() = -R_station_camera.topRows<2>();
+  camera_by_motion.bottomRightCorner<1, 3>() =
+      (forward_station.x() * forward_by_turn.row(1) - forward_station.y() * forward_by_turn.row(0)) / level2;
+  Eigen::Matrix3d base_by_camera = Eigen::Matrix3d::Identity();
+  base_by_camera(0, 2) = std::sin(yaw) * ahead.x + std::cos(yaw) * ahead.y;
+  base_by_camera(1, 2) = -std::cos(yaw) * ahead.x + std::sin(yaw) * ahead.y;
+  const Eigen::Matrix<double, 3, 6> by_motion = base_by_camera * camera_by_motion;
+  sighting.covariance = by_motion * covariance * by_motion.transpose();
+  sighting.covariance = 0.5 * (sighting.covariance + sighting.covariance.transpose()).eval();
+  sighting.bias_covariance = bias_share * sighting.covariance;
+  return sighting;
+}
+
+std::string_view word(SightingUse use) {
+  switch (use) {
+    case SightingUse::fused:
+      return "fused";
+    case SightingUse::fused_without_yaw:
+      return "fused without yaw";
+    case SightingUse::rejected:
+      return "rejected";
+    case SightingUse::lost:
+      return "lost";
+    case SightingUse::collected:
+      return "collected";
+    case SightingUse::acquired:
+      return "acquired";
+    case SightingUse::ambiguous:
+      return "ambiguous";
+    case SightingUse::moving:
+      return "moving";
+    case SightingUse::too_old:
+      return "too old";
+    case SightingUse::invalid:
+      return "invalid";
+  }
+  return "unknown";
+}
+
+PoseFilter::PoseFilter(const Rig& rig, const PoseFilterConfig& config) : rig_(rig), config_(config) {}
+
+void PoseFilter::predict(const Odometry& reading) {
+  if (!is_finite(reading.T_odom_base) || !is_finite(reading.velocity)) return;
+  if (!states_.empty() && reading.time <= states_.back().reading.time) return;
+  states_.push_back({reading, {}, Eigen::Matrix3d::Zero()});
+  if (has_estimate_) propagate_from(states_.size() - 2);
+  while (states_.size() > config_.readings_remembered) states_.pop_front();
+}
+
+void PoseFilter::propagate_from(std::size_t index) {
+  for (std::size_t i = index; i + 1 < states_.size(); ++i) {
+    const Pose2 motion = between(states_[i].reading.T_odom_base, states_[i + 1].reading.T_odom_base);
+    states_[i + 1].T_station_base = states_[i].T_station_base * motion;
+    states_[i + 1].covariance = predicted(states_[i].covariance, states_[i].T_station_base, motion, config_);
+  }
+}
+
+std::optional<std::size_t> PoseFilter::state_before(std::chrono::nanoseconds time) const {
+  const auto after = std::upper_bound(states_.begin(), states_.end(), time,
+                                      [](Clock value, const State& state) { return value < state.reading.time; });
+  if (after == states_.begin()) return std::nullopt;
+  return static_cast<std::size_t>(after - states_.begin()) - 1;
+}
+
+PoseFilter::State PoseFilter::state_at(std::size_t before, std::chrono::nanoseconds time) const {
+  const State& state = states_[before];
+  Pose2 motion;
+  if (before + 1 < states_.size()) {
+    const State& next = states_[before + 1];
+    const double share = seconds(time - state.reading.time) / seconds(next.reading.time - state.reading.time);
+    motion = share_of(between(state.reading.T_odom_base, next.reading.T_odom_base), share);
+  } else {
+    motion = moved({}, state.reading.velocity, seconds(time - state.reading.time));
+  }
+  State result = state;
+  result.reading.time = time;
+  result.reading.T_odom_base = state.reading.T_odom_base * motion;
+  if (has_estimate_) {
+    result.T_station_base = state.T_station_base * motion;
+    result.covariance = predicted(state.covariance, state.T_station_base, motion, config_);
+  }
+  return result;
+}
+
+FilterUpdate PoseFilter::update(const BoardSighting& seen) {
+  if (!seen.T_camera_station.matrix().allFinite() || !seen.covariance.allFinite() || std::isnan(seen.log_odds)) {
+    return {SightingUse::invalid, std::nullopt, 0.0};
+  }
+  const double variance = corner_variance(seen);
+  const double bias_share = variance > 0.0 ? config_.corner_bias_px * config_.corner_bias_px / variance : 0.0;
+  const PlanarSighting sighting = planar_sighting(rig_, seen.time, seen.T_camera_station, seen.covariance, bias_share);
+  if (!is_finite(sighting.T_station_base) || !is_usable(sighting.covariance)) {
+    return {SightingUse::invalid, std::nullopt, 0.0};
+  }
+  if (!state_before(seen.time) || (last_time_ && seen.time <= *last_time_))
+    return {SightingUse::too_old, sighting, 0.0};
+  last_time_ = seen.time;
+  last_sighting_ = sighting;
+
+  std::optional<PlanarSighting> mirrored;
+  if (seen.T_camera_station_mirrored && seen.log_odds < config_.settled_log_odds) {
+    mirrored = planar_sighting(rig_, seen.time, *seen.T_camera_station_mirrored, seen.covariance, bias_share);
+    if (!is_finite(mirrored->T_station_base) || !is_usable(mirrored->covariance)) mirrored.reset();
+  }
+  if (has_estimate_) return fuse(sighting, mirrored, seen.log_odds);
+  if (mirrored) return {SightingUse::ambiguous, sighting, 0.0};
+  return acquire(sighting);
+}
+
+FilterUpdate PoseFilter::acquire(const PlanarSighting& sighting) {
+  const std::size_t before = *state_before(sighting.time);
+  const Pose2 T_odom_base = state_at(before, sighting.time).reading.T_odom_base;
+  const auto stood = [&](const Pose2& other) {
+    const Pose2 motion = between(other, T_odom_base);
+    return std::hypot(motion.x, motion.y) < config_.standstill_distance &&
+           std::abs(motion.yaw) < config_.standstill_yaw;
+  };
+  if (!candidates_.empty() && !stood(candidates_.back().T_odom_base)) {
+    candidates_.clear();
+    candidates_.push_back({sighting, T_odom_base});
+    return {SightingUse::moving, sighting, 0.0};
+  }
+  candidates_.push_back({sighting, T_odom_base});
+  while (candidates_.size() > static_cast<std::size_t>(config_.sightings_remembered)) candidates_.pop_front();
+
+  std::vector<const PlanarSighting*> agreeing;
+  for (const Candidate& candidate : candidates_) {
+    const Eigen::Vector3d error = difference(candidate.sighting.T_station_base, sighting.T_station_base);
+    if (stood(candidate.T_odom_base) && error.head<2>().norm() < config_.agreement_distance &&
+        std::abs(error.z()) < config_.agreement_yaw &&
+        distance2(error, candidate.sighting.covariance + sighting.covariance) < config_.agreement) {
+      agreeing.push_back(&candidate.sighting);
+    }
+  }
+  if (agreeing.size() < static_cast<std::size_t>(config_.sightings_to_acquire)) {
+    return {SightingUse::collected, sighting, 0.0};
+  }
+
+  // Weighted by information, about the newest one.
+  Eigen::Matrix3d information = Eigen::Matrix3d::Zero();
+  Eigen::Vector3d weighted = Eigen::Vector3d::Zero();
+  for (const PlanarSighting* agreed : agreeing) {
+    const Eigen::Matrix3d inverse_covariance = agreed->covariance.inverse();
+    information += inverse_covariance;
+    weighted += inverse_covariance * difference(agreed->T_station_base, sighting.T_station_base);
+  }
+  const Eigen::Vector3d mean = information.ldlt().solve(weighted);
+  State& state = states_[before];
+  const Pose2 now{sighting.T_station_base.x + mean.x(), sighting.T_station_base.y + mean.y(),
+                  sighting.T_station_base.yaw + mean.z()};
+  state.T_station_base = now * between(T_odom_base, state.reading.T_odom_base);
+  state.covariance = information.inverse();
+  has_estimate_ = true;
+  // Older readings are not described by the new estimate.
+  states_.erase(states_.begin(), states_.begin() + static_cast<std::ptrdiff_t>(before));
+  propagate_from(0);
+  bias_covariance_ = sighting.bias_covariance;
+  seen_ = sighting.time;
+  rejects_ = 0;
+  candidates_.clear();
+  return {SightingUse::acquired, sighting, 0.0};
+}
+
+FilterUpdate PoseFilter::fuse(const PlanarSighting& first, const std::optional<PlanarSighting>& mirrored,
+                              double log_odds) {
+  const std::size_t before = *state_before(first.time);
+  const State prior = state_at(before, first.time);
+  const auto to_estimate = [&](const PlanarSighting& sighting, const Eigen::Matrix3d& covariance) {
+    return distance2(difference(sighting.T_station_base, prior.T_station_base),
+                     prior.covariance + covariance + sighting.bias_covariance);
+  };
+
+  PlanarSighting sighting = first;
+  bool settled = true;
+  if (mirrored) {
+    // What the prediction says of the two poses is added to what the image says.
+    const double odds =
+        log_odds + 0.5 * (to_estimate(*mirrored, mirrored->covariance) - to_estimate(first, first.covariance));
+    if (odds < 0.0) sighting = *mirrored;
+    settled = std::abs(odds) >= config_.settled_log_odds;
+  }
+  if (!settled) sighting.covariance = without_yaw(sighting, config_.unsettled_yaw);
+
+  const double d2 = to_estimate(sighting, sighting.covariance);
+  if (!(d2 < config_.gate)) {
+    if (++rejects_ < config_.rejects_until_lost) return {SightingUse::rejected, sighting, d2};
+    forget();
+    return {SightingUse::lost, sighting, d2};
+  }
+  rejects_ = 0;
+
+  const Eigen::Matrix3d noise = sighting.covariance + sighting.bias_covariance;
+  const Eigen::Matrix3d innovation = prior.covariance + noise;
+  const Eigen::Matrix3d gain = innovation.ldlt().solve(prior.covariance).transpose();
+  const Eigen::Vector3d change = gain * difference(sighting.T_station_base, prior.T_station_base);
+  const Eigen::Matrix3d rest = Eigen::Matrix3d::Identity() - gain;
+  State updated = prior;
+  updated.T_station_base = {prior.T_station_base.x + change.x(), prior.T_station_base.y + change.y(),
+                            prior.T_station_base.yaw + change.z()};
+  updated.covariance = rest * prior.covariance * rest.transpose() + gain * noise * gain.transpose();  // Joseph
+
+  // The updated state stands between two readings; it takes its place among them as one more.
+  const auto place = states_.begin() + static_cast<std::ptrdiff_t>(before);
+  if (place->reading.time == updated.reading.time) {
+    *place = updated;
+    propagate_from(before);
+  } else if (before + 1 < states_.size()) {
+    states_.insert(place + 1, updated);
+    propagate_from(before + 1);
+  } else {
+    states_.push_back(updated);
+  }
+  bias_covariance_ = sighting.bias_covariance;
+  seen_ = sighting.time;
+  return {settled ? SightingUse::fused : SightingUse::fused_without_yaw, sighting, d2};
+}
+
+std::optional<PoseEstimate> PoseFilter::estimate(std::chrono::nanoseconds time) const {
+  if (!has_estimate_) return std::nullopt;
+  const std::optional<std::size_t> before = state_before(time);
+  if (!before) return std::nullopt;
+  const State state = state_at(*before, time);
+  return PoseEstimate{time, state.T_station_base, state.covariance + bias_covariance_, seen_};
+}
+
+std::optional<Pose2> PoseFilter::T_odom_base(std::chrono::nanoseconds time) const {
+  const std::optional<std::size_t> before = state_before(time);
+  if (!before) return std::nullopt;
+  return state_at(*before, time).reading.T_odom_base;
+}
+
+std::optional<Eigen::Isometry3d> PoseFilter::predicted_view(std::chrono::nanoseconds time) const {
+  if (const std::optional<PoseEstimate> known = estimate(time)) return level_view(rig_, known->T_station_base);
+  if (!last_sighting_) return std::nullopt;
+  const std::optional<Pose2> then = T_odom_base(last_sighting_->time);
+  const std::optional<Pose2> now = T_odom_base(time);
+  if (!then || !now) return std::nullopt;
+  return level_view(rig_, last_sighting_->T_station_base * between(*then, *now));
+}
+
+void PoseFilter::forget() {
+  has_estimate_ = false;
+  rejects_ = 0;
+  candidates_.clear();
+}
+
+}  // namespace tagdock
