@@ -128,7 +128,14 @@ void visit(Fields& fields, Config& config) {
   fields.group("board", [&](Fields& inner) { visit(inner, config.board); });
   fields.group("detection", [&](Fields& inner) { visit(inner, config.locator); });
   fields.group("docking", [&](Fields& inner) { visit(inner, config.docking); });
-  fields.group("simulation", [&](Fields& inner) { inner.word("scenario", config.scenario, {}); });
+  fields.group("simulation", [&](Fields& inner) {
+    inner.word("scenario", config.simulation.scenario, {});
+    inner.group("faults", [&](Fields& faults) {
+      faults.number("camera_dies_at_s", config.simulation.faults.camera_dies_at_s, 0.0, 1e6);
+      faults.number("odometry_nan_at_s", config.simulation.faults.odometry_nan_at_s, 0.0, 1e6);
+      faults.flag("no_board", config.simulation.faults.no_board);
+    });
+  });
 }
 
 }  // namespace

@@ -3,6 +3,7 @@
 #include <filesystem>
 #include <string>
 
+#include "app/simulation/faults.h"
 #include "app/yaml_file.h"
 #include "calibration/rig.h"
 #include "calibration/target.h"
@@ -20,6 +21,12 @@ struct CameraConfig {
   double latency_ms = 80.0;  ///< from mid-exposure to arrival, declared; the ages of frames count beyond it
 };
 
+/// The simulated world; nothing that docks reads it.
+struct SimulationConfig {
+  std::string scenario;  ///< file; the built-in default one if empty
+  SimulationFaults faults;
+};
+
 /// Everything a docking needs to know, read and checked once and then const. The defaults dock the simulated robot.
 struct Config {
   CameraConfig camera;
@@ -28,7 +35,7 @@ struct Config {
   Board board = default_board(0.35);
   TagLocatorConfig locator;
   DockingConfig docking;
-  std::string scenario;  ///< file of the simulated world; the built-in default one if empty
+  SimulationConfig simulation;
 };
 
 /// Reads a configuration; keys that are missing keep their defaults.

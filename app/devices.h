@@ -6,6 +6,7 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "app/camera.h"
 #include "app/config.h"
@@ -29,7 +30,8 @@ struct Devices {
   std::unique_ptr<Robot> robot;
   /// Simulated only: camera point and heading in the station frame, for the report and never for the docking.
   std::function<Pose2()> true_camera_point;
-  std::string camera_name;  ///< for people: what was opened
+  std::string camera_name;         ///< for people: what was opened
+  std::vector<std::string> notes;  ///< sentences for a person: what the camera does differently from what was asked
   /// The camera model that belongs to the frames as they come: the rig's, or a part of it where the receive buffer
   /// allowed only a smaller region.
   CameraModel camera_model;

@@ -65,7 +65,7 @@ Config configuration(const DockOptions& options) {
   if (!options.camera.empty()) config.camera.source = options.camera;
   if (!options.robot.empty()) config.robot = options.robot;
   if (!options.dock_pose.empty()) config.docking.dock_pose = parse_dock_pose(options.dock_pose);
-  if (!options.scenario.empty()) config.scenario = options.scenario;
+  if (!options.scenario.empty()) config.simulation.scenario = options.scenario;
   if (!options.method.empty()) {
     const auto method = corner_method(options.method);
     if (!method)
@@ -177,6 +177,7 @@ class Docking {
     const StopAtEnd stop_at_end(*devices_.robot);
     const nanoseconds begin = devices_.clock->now();
     talk_.event(begin, "docking: camera " + devices_.camera_name + ", robot " + config_.robot);
+    for (const std::string& note : devices_.notes) talk_.event(begin, "camera: " + note);
     report.phases.push_back({std::string(name(loop_.docker().phase())), begin, begin});
     bool over = false;
     while (!over) {

@@ -121,14 +121,9 @@ TEST_CASE("a camera address with nobody there is said as such") {
 
 TEST_CASE("a board that is not there ends with exit code 4 and the robot at rest") {
   const Scratch scratch;
-  const std::string config = scratch.write("dock.yaml", "camera: {frame_rate: 4}\n");
-  // The robot looks for ids 100..102; the board in the room carries 0..2.
-  std::string board = "family: tag36h11\ntags:\n";
-  for (int id = 100; id < 103; ++id)
-    board += "  - {id: " + std::to_string(id) + ", size: 0.16, T_station_tag: {t: [0, " +
-             std::to_string(0.2 * (id - 101)) + ", 0.35], q_xyzw: [0.5, -0.5, 0.5, -0.5]}}\n";
-  const Run unseen = run(
-      scratch, "dock --speedup 0 --config " + config + " --board " + scratch.write("board.yaml", board) + " --json");
+  const std::string config =
+      scratch.write("dock.yaml", "camera: {frame_rate: 4}\nsimulation: {faults: {no_board: true}}\n");
+  const Run unseen = run(scratch, "dock --speedup 0 --config " + config + " --json");
   CHECK(unseen.code == 4);
   const auto report = nlohmann::json::parse(unseen.out);
   CHECK(report["result"] == "failed");
@@ -137,10 +132,9 @@ TEST_CASE("a board that is not there ends with exit code 4 and the robot at rest
 
 TEST_CASE("NaN from odometry stops the robot and ends with exit code 5") {
   const Scratch scratch;
-  const std::string scenario = scratch.write("scenario.yaml", "faults: {odometry_nan_at_s: 6.0}\n");
-  const std::string config = scratch.write("dock.yaml", few_frames);
-  const Run stopped =
-      run(scratch, "dock --speedup 0 --seed 2 --config " + config + " --scenario " + scenario + " --json");
+  const std::string config =
+      scratch.write("dock.yaml", few_frames + "simulation: {faults: {odometry_nan_at_s: 6.0}}\n");
+  const Run stopped = run(scratch, "dock --speedup 0 --seed 2 --config " + config + " --json");
   INFO(stopped.err);
   CHECK(stopped.code == 5);
   const auto report = nlohmann::json::parse(stopped.out);
@@ -151,10 +145,8 @@ TEST_CASE("NaN from odometry stops the robot and ends with exit code 5") {
 
 TEST_CASE("a camera that dies in the middle of a docking stops the robot and ends with exit code 3") {
   const Scratch scratch;
-  const std::string scenario = scratch.write("scenario.yaml", "faults: {camera_dies_at_s: 6.0}\n");
-  const std::string config = scratch.write("dock.yaml", few_frames);
-  const Run stopped =
-      run(scratch, "dock --speedup 0 --seed 2 --config " + config + " --scenario " + scenario + " --json");
+  const std::string config = scratch.write("dock.yaml", few_frames + "simulation: {faults: {camera_dies_at_s: 6.0}}\n");
+  const Run stopped = run(scratch, "dock --speedup 0 --seed 2 --config " + config + " --json");
   INFO(stopped.err);
   CHECK(stopped.code == 3);
   CHECK(nlohmann::json::parse(stopped.out)["cause"] == "camera_lost");
@@ -162,9 +154,9 @@ TEST_CASE("a camera that dies in the middle of a docking stops the robot and end
 
 TEST_CASE("the window shows a docking on a screen, and without a screen says what to do") {
   const Scratch scratch;
-  const std::string config = scratch.write("dock.yaml", "camera: {frame_rate: 4}\n");
-  const std::string scenario = scratch.write("scenario.yaml", "faults: {odometry_nan_at_s: 3.0}\n");
-  const std::string arguments = "dock --view --speedup 0 --config " + config + " --scenario " + scenario;
+  const std::string config =
+      scratch.write("dock.yaml", "camera: {frame_rate: 4}\nsimulation: {faults: {odometry_nan_at_s: 3.0}}\n");
+  const std::string arguments = "dock --view --speedup 0 --config " + config;
   const Run blind = run(scratch, arguments, "env -u DISPLAY");
   CHECK(blind.code == 2);
   CHECK_THAT(blind.err, Contains("DISPLAY"));

@@ -1,0 +1,142 @@
+#include "app/devices.h"
+
+#include <cmath>
+#include <thread>
+
+#include "app/cameras/in_process.h"
+#include "app/cameras/open_camera.h"
+#include "app/failure.h"
+#include "app/robots/simulated.h"
+#include "app/simulation/live_world.h"
+
+namespace tagdock {
+namespace {
+
+using std::chrono::nanoseconds;
+using std::chrono::steady_clock;
+
+class MachineClock final : public SessionClock {
+ public:
+  explicit MachineClock(steady_clock::time_point start) : start_(start) {}
+  [[nodiscard]] nanoseconds now() const override { return steady_clock::now() - start_; }
+  void sleep_until(nanoseconds time) override { std::this_thread::sleep_until(start_ + time); }
+
+ private:
+  steady_clock::time_point start_;
+};
+
+// Time that passes only when the loop sleeps; a factor holds it back for people who watch.
+class LoopClock final : public SessionClock {
+ public:
+  explicit LoopClock(double speedup) : speedup_(speedup), start_(steady_clock::now()) {}
+  [[nodiscard]] nanoseconds now() const override { return now_; }
+  void sleep_until(nanoseconds time) override {
+    now_ = std::max(now_, time);
+    if (speedup_ > 0.0)
+      std::this_thread::sleep_until(
+          start_ + std::chrono::duration_cast<nanoseconds>(
+                       std::chrono::duration<double, std::nano>(static_cast<double>(now_.count()) / speedup_)));
+  }
+
+ private:
+  double speedup_;
+  steady_clock::time_point start_;
+  nanoseconds now_{0};
+};
+
+// A camera together with what must live as long as it does.
+class CameraOfLiveWorld final : public Camera {
+ public:
+  CameraOfLiveWorld(std::unique_ptr<LiveWorld> world, std::unique_ptr<Camera> camera)
+      : world_(std::move(world)), camera_(std::move(camera)) {}
+  std::optional<CameraFrame> newest(nanoseconds now) override { return camera_->newest(now); }
+  [[nodiscard]] CameraHealth health() const override { return camera_->health(); }
+  [[nodiscard]] CameraSettings actual() const override { return camera_->actual(); }
+
+ private:
+  std::unique_ptr<LiveWorld> world_;
+  std::unique_ptr<Camera> camera_;  // goes first
+};
+
+GigeSettings gige_settings(const Config& config) {
+  GigeSettings settings;
+  settings.frame_rate = config.camera.frame_rate;
+  settings.exposure_us = config.camera.exposure_us;
+  settings.gain = config.camera.gain;
+  settings.width = config.rig.camera.width;
+  settings.height = config.rig.camera.height;
+  settings.declared_latency = nanoseconds(static_cast<std::int64_t>(std::llround(config.camera.latency_ms * 1e6)));
+  return settings;
+}
+
+// The camera model of what is sent: where only a part of the sensor fits, the principal point moves with it.
+CameraModel model_of_frames(CameraModel camera, const CameraSettings& actual) {
+  if (actual.width == 0 || actual.height == 0) return camera;
+  camera.cx -= actual.offset_x;
+  camera.cy -= actual.offset_y;
+  camera.width = actual.width;
+  camera.height = actual.height;
+  return camera;
+}
+
+std::shared_ptr<SharedWorld> make_world(const Config& config, std::uint64_t seed) {
+  Scenario scenario = config.simulation.scenario.empty() ? Scenario{} : read_scenario(config.simulation.scenario);
+  // The simulated sensor obeys the settings, as a real one would.
+  scenario.camera.frame_rate = config.camera.frame_rate;
+  scenario.camera.exposure = 1e-6 * config.camera.exposure_us;
+  Board board = config.board;
+  if (config.simulation.faults.no_board) board.tags.clear();
+  return std::make_shared<SharedWorld>(scenario, config.rig, board, seed);
+}
+
+}  // namespace
+
+Devices open_devices(const Config& config, const DeviceOptions& options) {
+  const CameraArgument argument = parse_camera_argument(config.camera.source);
+  const bool simulated_camera = std::holds_alternative<tagdock::SimulatedCamera>(argument);
+  if (options.speedup && !(simulated_camera && config.robot == "sim"))
+    throw Failure(ExitCode::usage, "--speedup is for simulations only; a real camera or robot sets its own time");
+  Devices devices;
+  devices.camera_model = config.rig.camera;
+  std::shared_ptr<SharedWorld> world;
+  if (simulated_camera || config.robot == "sim") world = make_world(config, options.seed);
+  const steady_clock::time_point start = steady_clock::now();
+  if (options.speedup)
+    devices.clock = std::make_unique<LoopClock>(*options.speedup);
+  else
+    devices.clock = std::make_unique<MachineClock>(start);
+  const auto now = [clock = devices.clock.get()] { return clock->now(); };
+
+  if (simulated_camera && options.speedup) {
+    devices.camera = in_process_camera(world, config.simulation.faults);
+    devices.camera_name = "simulated, in-process";
+  } else if (simulated_camera) {
+    const std::string address = "127.0.0.1";
+    auto live = std::make_unique<LiveWorld>(world, config.simulation.faults, start, address);
+    GigeSettings settings = gige_settings(config);
+    settings.address = address;
+    auto camera = open_gige(settings, start);
+    devices.camera = std::make_unique<CameraOfLiveWorld>(std::move(live), std::move(camera));
+    devices.camera_name = "simulated, over GigE Vision at " + address;
+  } else {
+    devices.camera = open_camera(argument, gige_settings(config), config.camera.frame_rate, start);
+    devices.camera_name = config.camera.source;
+  }
+  const CameraSettings actual = devices.camera->actual();
+  devices.notes = actual.notes;
+  devices.camera_model = model_of_frames(config.rig.camera, actual);
+
+  if (config.robot == "sim") {
+    devices.robot = simulated_robot(world, config.simulation.faults, now);
+    devices.true_camera_point = [world, now] {
+      const std::lock_guard lock(world->mutex);
+      world->world.advance(now());
+      return world->world.T_station_camera_point();
+    };
+  } else {
+    devices.robot = standing_robot(now);
+  }
+  return devices;
+}
+
+}  // namespace tagdock

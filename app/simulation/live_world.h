@@ -1,0 +1,51 @@
+#pragma once
+
+#include <chrono>
+#include <condition_variable>
+#include <cstdint>
+#include <deque>
+#include <memory>
+#include <mutex>
+#include <string>
+#include <thread>
+
+#include "app/simulation/gige_server.h"
+#include "app/simulation/shared_world.h"
+
+namespace tagdock {
+
+/// The simulated world in real time, shown by a GigE Vision camera on the loopback device.
+/// One thread takes the exposures and renders, a second one puts each frame on the wire when its latency is over, so
+/// that frames arrive as late as the scenario says, however long rendering takes.
+class LiveWorld {
+ public:
+  /// Throws Failure(camera) when the address is taken.
+  LiveWorld(std::shared_ptr<SharedWorld> world, const SimulationFaults& faults,
+            std::chrono::steady_clock::time_point session_start, const std::string& address);
+  ~LiveWorld();
+  LiveWorld(const LiveWorld&) = delete;
+  LiveWorld& operator=(const LiveWorld&) = delete;
+
+ private:
+  struct Pending {
+    ServedFrame frame;
+    std::chrono::nanoseconds due{0};
+  };
+
+  void expose();
+  void put_on_the_wire();
+  [[nodiscard]] std::chrono::nanoseconds now() const;
+
+  std::shared_ptr<SharedWorld> world_;
+  SimulationFaults faults_;
+  std::chrono::steady_clock::time_point session_start_;
+  GigeServer server_;
+  std::mutex mutex_;
+  std::condition_variable changed_;
+  std::deque<Pending> pending_;
+  bool ending_ = false;
+  std::thread exposing_;
+  std::thread sending_;
+};
+
+}  // namespace tagdock
