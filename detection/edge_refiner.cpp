@@ -24,7 +24,10 @@ constexpr double least_band_px = 1.6;  ///< two pixels on each side of the edge
 constexpr double most_band_px = 6.0;   ///< farther pixels tell nothing of the edge's place
 constexpr double most_trim = 0.2;      ///< of a side, left out at each end, where two edges mix
 constexpr double start_blur_px = 0.8;
-constexpr double least_blur_px = 0.05;
+/// No camera is sharper than its own pixel, sigma 0.29; below this a fit no longer sees on which side of the edge a
+/// pixel lies, and the spread is held (point-sampled pictures).
+constexpr double least_blur_px = 0.2;
+constexpr double held_blur_px = 0.25;
 constexpr double most_blur_px = 8.0;
 constexpr double least_contrast = 3.0;  ///< grey levels; below there is no edge to be found
 /// Corners of noise-free renderings still scatter by this much, since rounding to 8 bits is not random (notes).
@@ -218,6 +221,27 @@ std::pair<double, double> start_levels(const Mask& mask, double band) {
   return {in / in_count, out / out_count};
 }
 
+/// Brings theta to a minimum of the squared residuals.
+/// @return  whether it got there
+bool minimise(SideCost& cost, int max_iterations, bool hold_spread, std::array<double, theta_size>& theta) {
+  ceres::Problem::Options ownership;
+  ownership.cost_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
+  ceres::Problem problem(ownership);
+  problem.AddResidualBlock(&cost, nullptr, theta.data());
+  if (hold_spread) problem.SetManifold(theta.data(), new ceres::SubsetManifold(theta_size, {log_spread}));
+  ceres::Solver::Options options;
+  options.linear_solver_type = ceres::DENSE_QR;
+  options.max_num_iterations = max_iterations;
+  options.function_tolerance = 1e-10;
+  options.gradient_tolerance = 1e-10;
+  options.parameter_tolerance = 1e-10;
+  options.logging_type = ceres::SILENT;
+  options.num_threads = 1;
+  ceres::Solver::Summary summary;
+  ceres::Solve(options, &problem, &summary);
+  return summary.termination_type == ceres::CONVERGENCE;
+}
+
 std::variant<FittedSide, Unrefined> fit_side(const CoarseSide& side, const Mask& mask, const EdgeRefinerConfig& config,
                                              double noise_gain) {
   constexpr Eigen::Index least_pixels = 8;
@@ -229,24 +253,16 @@ std::variant<FittedSide, Unrefined> fit_side(const CoarseSide& side, const Mask&
   theta[low] = inside;
   theta[contrast] = outside - inside;  // negative for families whose square is white
   theta[log_spread] = std::log(start_blur_px);
+  const std::array<double, theta_size> start = theta;
   SideCost cost(mask, config.profile);
-  ceres::Problem::Options ownership;
-  ownership.cost_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
-  ceres::Problem problem(ownership);
-  problem.AddResidualBlock(&cost, nullptr, theta.data());
-  ceres::Solver::Options options;
-  options.linear_solver_type = ceres::DENSE_QR;
-  options.max_num_iterations = config.max_iterations;
-  options.function_tolerance = 1e-10;
-  options.gradient_tolerance = 1e-10;
-  options.parameter_tolerance = 1e-10;
-  options.logging_type = ceres::SILENT;
-  options.num_threads = 1;
-  ceres::Solver::Summary summary;
-  ceres::Solve(options, &problem, &summary);
+  bool found = minimise(cost, config.max_iterations, false, theta);
+  if (!found || std::exp(theta[log_spread]) < least_blur_px) {
+    theta = start;
+    theta[log_spread] = std::log(held_blur_px);
+    found = minimise(cost, config.max_iterations, true, theta);
+  }
   const double spread = std::exp(theta[log_spread]);
-  if (summary.termination_type != ceres::CONVERGENCE || !(spread >= least_blur_px && spread <= most_blur_px) ||
-      !(std::abs(theta[contrast]) >= least_contrast))
+  if (!found || !(spread <= most_blur_px) || !(std::abs(theta[contrast]) >= least_contrast))
     return Unrefined::did_not_converge;
 
   Eigen::VectorXd residuals(mask.grey.size());

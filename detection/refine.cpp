@@ -58,8 +58,16 @@ Refinement refine(const cv::Mat1b& gray, const std::string& family, const TagDet
     case CornerMethod::erf:
       edges.profile = EdgeProfile::erf;
       break;
-    case CornerMethod::best:
-      return refine_photometric(gray, family, coarse, PhotometricConfig{}, camera);
+    case CornerMethod::best: {
+      // Where the whole tag does not fit the model (a point-sampled picture, too few pixels), its sides still may; the
+      // result's terms say so. Where an edge was left or the shape is wrong, they are no more to be trusted.
+      Refinement whole = refine_photometric(gray, family, coarse, PhotometricConfig{}, camera);
+      const Unrefined* reason = std::get_if<Unrefined>(&whole);
+      if (reason == nullptr || *reason == Unrefined::left_the_edge || *reason == Unrefined::not_a_quadrilateral)
+        return whole;
+      edges.profile = EdgeProfile::erf;
+      break;
+    }
   }
   return refine_edges(gray, coarse, edges, camera);
 }

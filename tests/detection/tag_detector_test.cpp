@@ -5,7 +5,7 @@
 #include <catch2/catch.hpp>
 
 #include "planning/pose2.h"
-#include "tests/detection/tag_rendering.h"
+#include "tests/detection/scene_rendering.h"
 
 namespace tagdock {
 namespace {

@@ -7,7 +7,7 @@
 
 #include "calibration/rig.h"
 #include "planning/pose2.h"
-#include "tests/detection/tag_rendering.h"
+#include "tests/detection/scene_rendering.h"
 
 namespace tagdock {
 namespace {

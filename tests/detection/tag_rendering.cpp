@@ -2,241 +2,377 @@
 
 #include <algorithm>
 #include <cmath>
-#include <memory>
+#include <functional>
 #include <numbers>
-#include <stdexcept>
+#include <random>
 
-#include <apriltag/apriltag.h>
-#include <apriltag/common/image_u8.h>
-#include <apriltag/tag16h5.h>
-#include <apriltag/tag25h9.h>
-#include <apriltag/tag36h11.h>
-#include <apriltag/tagCircle21h7.h>
-#include <apriltag/tagCircle49h12.h>
-#include <apriltag/tagStandard41h12.h>
-#include <apriltag/tagStandard52h13.h>
+#include <Eigen/Geometry>
+#include <Eigen/LU>
 
-#include "planning/pose2.h"
-
-namespace tagdock::testing {
+namespace tagdock::rendering {
 namespace {
 
-constexpr int fine = 8;  // fine cells a pixel
+using Eigen::Vector2d;
 
-struct Family {
-  const char* name;
-  apriltag_family_t* (*create)();
-  void (*destroy)(apriltag_family_t*);
-};
-constexpr Family families[] = {{"tag36h11", tag36h11_create, tag36h11_destroy},
-                               {"tag25h9", tag25h9_create, tag25h9_destroy},
-                               {"tag16h5", tag16h5_create, tag16h5_destroy},
-                               {"tagStandard41h12", tagStandard41h12_create, tagStandard41h12_destroy},
-                               {"tagStandard52h13", tagStandard52h13_create, tagStandard52h13_destroy},
-                               {"tagCircle21h7", tagCircle21h7_create, tagCircle21h7_destroy},
-                               {"tagCircle49h12", tagCircle49h12_create, tagCircle49h12_destroy}};
-
-struct Pattern {
-  cv::Mat1b cells;  ///< 255 white, 0 black, the margin included
-  int border = 0;   ///< cells along the square whose corners count
-};
-
-Pattern pattern(const std::string& name, int id) {
-  for (const Family& family : families) {
-    if (name != family.name) continue;
-    const std::unique_ptr<apriltag_family_t, void (*)(apriltag_family_t*)> made(family.create(), family.destroy);
-    const std::unique_ptr<image_u8_t, void (*)(image_u8_t*)> image(apriltag_to_image(made.get(), id), image_u8_destroy);
-    Pattern result{cv::Mat1b(image->height, image->width), made->width_at_border};
-    for (int y = 0; y < image->height; ++y)
-      for (int x = 0; x < image->width; ++x) result.cells(y, x) = image->buf[y * image->stride + x];
-    return result;
-  }
-  throw std::invalid_argument("no family " + name);
-}
-
-/// Signed coverage of polygons by fine cells, as differences along each row.
+/// Signed area of polygons in the cells of a grid: each edge adds what lies to its right.
 class Coverage {
  public:
-  Coverage(int width, int height) : sums_(cv::Mat1d::zeros(height, width + 2)) {}
+  Coverage(int width, int height)
+      : width_(width), height_(height), sum_(static_cast<std::size_t>(width + 2) * static_cast<std::size_t>(height)) {}
 
-  /// Adds an edge; the area to its right is counted, positive where it runs down.
-  void edge(Eigen::Vector2d from, Eigen::Vector2d to, double weight) {
-    if (from.y() == to.y()) return;
-    if (from.y() > to.y()) {
-      std::swap(from, to);
-      weight = -weight;
+  void add(const std::vector<Vector2d>& polygon, double value) {
+    double area = 0.0;
+    for (std::size_t i = 0; i < polygon.size(); ++i) {
+      const Vector2d& a = polygon[i];
+      const Vector2d& b = polygon[(i + 1) % polygon.size()];
+      area += a.x() * b.y() - a.y() * b.x();
     }
-    const double slope = (to.x() - from.x()) / (to.y() - from.y());
-    const int first = std::max(0, static_cast<int>(std::floor(from.y())));
-    const int last = std::min(sums_.rows - 1, static_cast<int>(std::ceil(to.y())) - 1);
-    for (int row = first; row <= last; ++row) {
-      const double y0 = std::max(from.y(), static_cast<double>(row));
-      const double y1 = std::min(to.y(), row + 1.0);
-      if (y1 <= y0) continue;
-      span(row, from.x() + (y0 - from.y()) * slope, from.x() + (y1 - from.y()) * slope, weight * (y1 - y0));
-    }
+    const double signed_value = area > 0.0 ? -value : value;
+    for (std::size_t i = 0; i < polygon.size(); ++i) edge(polygon[i], polygon[(i + 1) % polygon.size()], signed_value);
   }
 
-  cv::Mat1d covered() const {
-    cv::Mat1d result(sums_.rows, sums_.cols - 2);
-    for (int y = 0; y < result.rows; ++y) {
-      double sum = 0.0;
-      for (int x = 0; x < result.cols; ++x) result(y, x) = sum += sums_(y, x);
+  [[nodiscard]] cv::Mat1d image() const {
+    cv::Mat1d result(height_, width_);
+    for (int row = 0; row < height_; ++row) {
+      double level = 0.0;
+      for (int column = 0; column < width_; ++column) {
+        level += sum_[index(column, row)];
+        result(row, column) = level;
+      }
     }
     return result;
   }
 
  private:
-  /// An edge piece within one row, from x0 to x1, that is `height` high.
-  void span(int row, double x0, double x1, double height) {
-    if (x0 > x1) std::swap(x0, x1);
-    const double limit = sums_.cols - 2;
-    x0 = std::clamp(x0, 0.0, limit);
-    x1 = std::clamp(x1, 0.0, limit);
-    const int first = static_cast<int>(std::floor(x0));
-    const int last = static_cast<int>(std::floor(x1));
-    // `covered(x)`: the share of cells up to x that lies to the right of the piece; its differences are stored.
-    double before = 0.0;
-    for (int x = first; x <= last; ++x) {
-      const double left = std::max<double>(x, x0);
-      const double right = std::min<double>(x + 1.0, x1);
-      double area;  // of the cell, right of the piece
-      if (x1 > x0) {
-        const double share0 = (left - x0) / (x1 - x0);
-        const double share1 = (right - x0) / (x1 - x0);
-        area = 0.5 * (share0 + share1) * (right - left) + (x + 1.0 - right) * share1;
-      } else {
-        area = x + 1.0 - x0;
-      }
-      sums_(row, x) += height * (area - before);
-      before = area;
-    }
-    sums_(row, last + 1) += height * (1.0 - before);
+  [[nodiscard]] std::size_t index(int column, int row) const {
+    return static_cast<std::size_t>(row) * static_cast<std::size_t>(width_ + 2) + static_cast<std::size_t>(column);
   }
 
-  cv::Mat1d sums_;
+  void edge(Vector2d a, Vector2d b, double value) {
+    if (a.y() == b.y()) return;
+    if (a.y() > b.y()) {
+      std::swap(a, b);
+      value = -value;
+    }
+    const double slope = (b.x() - a.x()) / (b.y() - a.y());
+    const int first = std::max(0, static_cast<int>(std::floor(a.y())));
+    const int last = std::min(height_ - 1, static_cast<int>(std::floor(b.y())));
+    for (int row = first; row <= last; ++row) {
+      const double top = std::max<double>(row, a.y());
+      const double bottom = std::min<double>(row + 1, b.y());
+      if (bottom <= top) continue;
+      piece(a.x() + (top - a.y()) * slope, a.x() + (bottom - a.y()) * slope, row, value * (bottom - top));
+    }
+  }
+
+  /// An edge inside one row: `value` is what a full cell to its right receives.
+  void piece(double from, double to, int row, double value) {
+    const double left = std::clamp(std::min(from, to), 0.0, static_cast<double>(width_));
+    const double right = std::clamp(std::max(from, to), 0.0, static_cast<double>(width_));
+    const int first = static_cast<int>(std::floor(left));
+    const int last = std::min(static_cast<int>(std::floor(right)), width_);
+    if (right - left < 1e-12) {
+      cell(first, row, value * (first + 1 - left), value);
+      return;
+    }
+    for (int column = first; column <= last; ++column) {
+      const double low = std::max<double>(left, column);
+      const double high = std::min<double>(right, column + 1);
+      if (high <= low) continue;
+      const double share = value * (high - low) / (right - left);
+      cell(column, row, share * (column + 1 - 0.5 * (low + high)), share);
+    }
+  }
+
+  void cell(int column, int row, double here, double total) {
+    sum_[index(column, row)] += here;
+    sum_[index(column + 1, row)] += total - here;
+  }
+
+  int width_;
+  int height_;
+  std::vector<double> sum_;
 };
+
+Vector2d bent(const Scene& scene, const Vector2d& undistorted) {
+  if (!scene.camera) return undistorted;
+  const CameraModel& camera = *scene.camera;
+  return project(camera, {(undistorted.x() - camera.cx) / camera.fx, (undistorted.y() - camera.cy) / camera.fy, 1.0});
+}
+
+Vector2d pixel_of(const Scene& scene, const Vector2d& tag) {
+  return bent(scene, (scene.image_by_tag * tag.homogeneous()).hnormalized());
+}
+
+/// Outline in pixels, cut finely where the lens bends it.
+std::vector<Vector2d> outline_px(const Scene& scene, const std::vector<Vector2d>& outline) {
+  std::vector<Vector2d> result;
+  for (std::size_t i = 0; i < outline.size(); ++i) {
+    const Vector2d& a = outline[i];
+    const Vector2d& b = outline[(i + 1) % outline.size()];
+    const int pieces = scene.camera ? std::max(1, static_cast<int>(std::ceil((b - a).norm() * 8.0))) : 1;
+    for (int k = 0; k < pieces; ++k) result.push_back(pixel_of(scene, a + (b - a) * k / pieces));
+  }
+  return result;
+}
+
+/// The print as rectangles of one level, the ink's spread applied; level is the difference to the surroundings.
+std::vector<Patch> print(const Scene& scene) {
+  const TagPattern& pattern = scene.pattern;
+  const int n = pattern.cells;
+  const double middle = 0.5 * n;
+  std::vector<double> line = {-middle};
+  for (int i = 1; i < n; ++i)
+    for (const double shift : {-std::abs(scene.bleed), std::abs(scene.bleed)})
+      if (line.back() < i - middle + shift) line.push_back(i - middle + shift);
+  line.push_back(middle);
+  const auto colour = [&](double u, double v) {
+    const int column = std::clamp(static_cast<int>(std::floor(u + middle)), 0, n - 1);
+    const int row = std::clamp(static_cast<int>(std::floor(v + middle)), 0, n - 1);
+    return pattern.at(column, row);
+  };
+  const auto level = [&](double u, double v) {
+    const double reach = std::abs(scene.bleed);
+    bool any_black = false;
+    bool all_black = true;
+    for (const double du : {-reach, reach})
+      for (const double dv : {-reach, reach}) {
+        any_black = any_black || colour(u + du, v + dv) == TagPattern::black;
+        all_black = all_black && colour(u + du, v + dv) == TagPattern::black;
+      }
+    if (scene.bleed >= 0.0 ? any_black : all_black) return scene.black;
+    return colour(u, v) == TagPattern::unknown ? scene.surroundings : scene.white;
+  };
+  std::vector<Patch> patches;
+  for (std::size_t j = 0; j + 1 < line.size(); ++j)
+    for (std::size_t i = 0; i + 1 < line.size(); ++i) {
+      const double here = level(0.5 * (line[i] + line[i + 1]), 0.5 * (line[j] + line[j + 1]));
+      patches.push_back(
+          {{{line[i], line[j]}, {line[i + 1], line[j]}, {line[i + 1], line[j + 1]}, {line[i], line[j + 1]}},
+           here - scene.surroundings});
+    }
+  return patches;
+}
+
+/// Weight of fine cells by their distance from a pixel's centre: Gaussian times the box, by quadrature of the Gaussian
+/// (its variance less the fine cell's own).
+std::vector<double> kernel(double sigma, int fine) {
+  const double step = 1.0 / fine;
+  const double own = std::sqrt(std::max(sigma * sigma - step * step / 12.0, 1e-4));
+  const int reach = static_cast<int>(std::ceil((5.0 * sigma + 0.5) * fine)) + 1;
+  std::vector<double> weights;
+  double sum = 0.0;
+  for (int i = -reach; i < reach; ++i) {
+    const double distance = (i + 0.5) * step;
+    const double weight = 0.5 * (std::erf((distance + 0.5) / (own * std::numbers::sqrt2)) -
+                                 std::erf((distance - 0.5) / (own * std::numbers::sqrt2)));
+    weights.push_back(weight);
+    sum += weight;
+  }
+  for (double& weight : weights) weight /= sum;
+  return weights;
+}
 
 }  // namespace
 
-Corners render_into(cv::Mat1d& grey, const Scene& scene) {
-  const Pattern tag = pattern(scene.family, scene.id);
-  const double cell = scene.size / tag.border;
-  const double half = 0.5 * tag.cells.cols * cell;
-  const auto place = [&](double u, double v) {
-    return project(scene.camera, scene.T_camera_tag * Eigen::Vector3d(u * cell - half, v * cell - half, 0.0));
-  };
+Corners true_corners(const Scene& scene) {
+  const double half = 0.5 * scene.pattern.border_cells;
+  return {pixel_of(scene, {-half, -half}), pixel_of(scene, {half, -half}), pixel_of(scene, {half, half}),
+          pixel_of(scene, {-half, half})};
+}
 
-  // The part of the image that the tag and its spread touch.
-  const double reach = 5.0 * scene.psf_px + 2.0;
-  Eigen::AlignedBox2d box;
-  for (int i = 0; i <= tag.cells.cols; ++i)
-    for (int j = 0; j <= tag.cells.rows; ++j) box.extend(place(i, j));
-  const int x0 = std::max(0, static_cast<int>(std::floor(box.min().x() - reach)));
-  const int y0 = std::max(0, static_cast<int>(std::floor(box.min().y() - reach)));
-  const int x1 = std::min(grey.cols - 1, static_cast<int>(std::ceil(box.max().x() + reach)));
-  const int y1 = std::min(grey.rows - 1, static_cast<int>(std::ceil(box.max().y() + reach)));
-  const int rim = static_cast<int>(std::ceil(4.5 * scene.psf_px)) + 1;  // pixels the kernel reaches beyond
-
-  const int left = x0 - rim;
-  const int top = y0 - rim;
-  Coverage coverage(fine * (x1 - x0 + 1 + 2 * rim), fine * (y1 - y0 + 1 + 2 * rim));
-  const auto in_fine = [&](const Eigen::Vector2d& pixel) -> Eigen::Vector2d {
-    return fine * (pixel + Eigen::Vector2d(0.5 - left, 0.5 - top));
+cv::Mat1d light(const Scene& scene) {
+  const int fine = scene.blur_px < 0.5 ? 16 : 8;
+  const std::vector<double> weights = kernel(scene.blur_px, fine);
+  const int reach = static_cast<int>(weights.size()) / 2;
+  const int width = scene.width * fine + 2 * reach;
+  const int height = scene.height * fine + 2 * reach;
+  // Fine cell (0, 0) begins `reach` cells before the first pixel's edge, which lies at -0.5 px.
+  const auto to_fine = [&](const Vector2d& pixel) -> Vector2d {
+    return (pixel.array() + 0.5) * fine + static_cast<double>(reach);
   };
-  const auto add = [&](double u0, double v0, double u1, double v1, double level) {
-    constexpr int pieces = 6;  // a curved side deviates by 1/36 of its sagitta
-    const Eigen::Vector2d corners[] = {{u0, v0}, {u0, v1}, {u1, v1}, {u1, v0}};
-    for (int side = 0; side < 4; ++side)
-      for (int i = 0; i < pieces; ++i) {
-        const Eigen::Vector2d a = corners[side] + (corners[(side + 1) % 4] - corners[side]) * i / pieces;
-        const Eigen::Vector2d b = corners[side] + (corners[(side + 1) % 4] - corners[side]) * (i + 1) / pieces;
-        coverage.edge(in_fine(place(a.x(), a.y())), in_fine(place(b.x(), b.y())), level);
+  const int steps = scene.motion.norm() > 0.0 ? static_cast<int>(std::ceil(8.0 * scene.motion.norm())) : 1;
+  Coverage coverage(width, height);
+  const auto draw = [&](const std::vector<Vector2d>& outline, double difference) {
+    const std::vector<Vector2d> pixels = outline_px(scene, outline);
+    for (int k = 0; k < steps; ++k) {
+      const Vector2d shift = scene.motion * ((k + 0.5) / steps - 0.5);
+      std::vector<Vector2d> polygon;
+      for (const Vector2d& p : pixels) polygon.push_back(to_fine(p + shift));
+      coverage.add(polygon, difference / steps);
+    }
+  };
+  for (const Patch& patch : print(scene)) draw(patch.outline, patch.level);
+  cv::Mat1d reflected = coverage.image();
+  reflected += scene.surroundings;
+  for (const Patch& patch : scene.patches) {
+    // A patch hides what is under it: mix by its own coverage (patches do not overlap borders at fine-cell level
+    // often enough for the product of coverages to matter).
+    Coverage own(width, height);
+    for (int k = 0; k < steps; ++k) {
+      const Vector2d shift = scene.motion * ((k + 0.5) / steps - 0.5);
+      std::vector<Vector2d> polygon;
+      for (const Vector2d& p : outline_px(scene, patch.outline)) polygon.push_back(to_fine(p + shift));
+      own.add(polygon, 1.0 / steps);
+    }
+    const cv::Mat1d share = own.image();
+    for (int row = 0; row < height; ++row)
+      for (int column = 0; column < width; ++column)
+        reflected(row, column) += share(row, column) * (patch.level - reflected(row, column));
+  }
+  if (scene.slope.norm() > 0.0) {
+    const Vector2d centre = pixel_of(scene, Vector2d::Zero());
+    for (int row = 0; row < height; ++row)
+      for (int column = 0; column < width; ++column) {
+        const Vector2d pixel((column + 0.5 - reach) / fine - 0.5, (row + 0.5 - reach) / fine - 0.5);
+        reflected(row, column) *= std::max(0.0, 1.0 + scene.slope.dot(pixel - centre));
       }
+  }
+  cv::Mat1d narrow(height, scene.width, 0.0);
+  for (int row = 0; row < height; ++row) {
+    const double* source = reflected[row];
+    for (int column = 0; column < scene.width; ++column) {
+      // The pixel's centre lies on the boundary of fine cells column * fine + reach + fine/2.
+      const double* from = source + column * fine + fine / 2;
+      double sum = 0.0;
+      for (std::size_t k = 0; k < weights.size(); ++k) sum += weights[k] * from[k];
+      narrow(row, column) = sum;
+    }
+  }
+  cv::Mat1d image(scene.height, scene.width, 0.0);
+  for (int row = 0; row < scene.height; ++row) {
+    double* target = image[row];
+    for (std::size_t k = 0; k < weights.size(); ++k) {
+      const double* source = narrow[row * fine + fine / 2 + static_cast<int>(k)];
+      for (int column = 0; column < scene.width; ++column) target[column] += weights[k] * source[column];
+    }
+  }
+  return image;
+}
+
+cv::Mat1b expose(const cv::Mat1d& light, const Sensor& sensor) {
+  std::mt19937_64 random(sensor.seed);
+  std::normal_distribution<double> normal;
+  cv::Mat1b image(light.rows, light.cols);
+  for (int row = 0; row < light.rows; ++row)
+    for (int column = 0; column < light.cols; ++column) {
+      double level = light(row, column);
+      level += normal(random) * std::sqrt(sensor.read_noise * sensor.read_noise + sensor.gain * std::max(level, 0.0));
+      if (sensor.tone != 1.0) level = 255.0 * std::pow(std::max(level, 0.0) / 255.0, sensor.tone);
+      image(row, column) = static_cast<unsigned char>(std::clamp(std::lround(level), 0L, 255L));
+    }
+  return image;
+}
+
+Eigen::Matrix3d view(const TagPattern& pattern, double side_px, double focal_px, const Vector2d& principal,
+                     const Vector2d& centre, double tilt, double tilt_axis, double roll) {
+  const Eigen::Vector3d axis(std::cos(tilt_axis), std::sin(tilt_axis), 0.0);
+  const Eigen::Matrix3d rotation =
+      (Eigen::AngleAxisd(tilt, axis) * Eigen::AngleAxisd(roll, Eigen::Vector3d::UnitZ())).toRotationMatrix();
+  const Eigen::Vector3d sight((centre.x() - principal.x()) / focal_px, (centre.y() - principal.y()) / focal_px, 1.0);
+  Eigen::Matrix3d camera;
+  camera << focal_px, 0.0, principal.x(), 0.0, focal_px, principal.y(), 0.0, 0.0, 1.0;
+  // The distance that gives the wanted mean side, found by repetition: the side is nearly inverse to it.
+  double distance = focal_px * pattern.border_cells / side_px;
+  Eigen::Matrix3d result;
+  for (int i = 0; i < 20; ++i) {
+    Eigen::Matrix3d plane;
+    plane << rotation.col(0), rotation.col(1), distance * sight;
+    result = camera * plane;
+    double mean = 0.0;
+    const double half = 0.5 * pattern.border_cells;
+    const std::array<Vector2d, 4> corner = {Vector2d(-half, -half), Vector2d(half, -half), Vector2d(half, half),
+                                            Vector2d(-half, half)};
+    for (std::size_t k = 0; k < 4; ++k)
+      mean += 0.25 * ((result * corner[(k + 1) % 4].homogeneous()).hnormalized() -
+                      (result * corner[k].homogeneous()).hnormalized())
+                         .norm();
+    distance *= mean / side_px;
+  }
+  return result;
+}
+
+Eigen::Matrix3d image_by_corners(const TagPattern& pattern, const Corners& px) {
+  const double half = 0.5 * pattern.border_cells;
+  const std::array<Vector2d, 4> tag = {Vector2d(-half, -half), Vector2d(half, -half), Vector2d(half, half),
+                                       Vector2d(-half, half)};
+  Eigen::Matrix<double, 8, 8> m = Eigen::Matrix<double, 8, 8>::Zero();
+  Eigen::Matrix<double, 8, 1> b;
+  for (int k = 0; k < 4; ++k) {
+    const Vector2d& t = tag[static_cast<std::size_t>(k)];
+    const Vector2d& p = px[static_cast<std::size_t>(k)];
+    m.row(2 * k) << t.x(), t.y(), 1.0, 0.0, 0.0, 0.0, -t.x() * p.x(), -t.y() * p.x();
+    m.row(2 * k + 1) << 0.0, 0.0, 0.0, t.x(), t.y(), 1.0, -t.x() * p.y(), -t.y() * p.y();
+    b[2 * k] = p.x();
+    b[2 * k + 1] = p.y();
+  }
+  const Eigen::Matrix<double, 8, 1> h = m.fullPivLu().solve(b);
+  Eigen::Matrix3d result;
+  result << h[0], h[1], h[2], h[3], h[4], h[5], h[6], h[7], 1.0;
+  return result;
+}
+
+Eigen::Matrix<double, 8, 8> corner_information(const Scene& scene, const Sensor& sensor) {
+  const cv::Mat1d middle = light(scene);
+  const Corners seen = true_corners(scene);
+  const auto undistorted = [&](const Vector2d& pixel) -> Vector2d {
+    if (!scene.camera) return pixel;
+    const Vector2d ideal = unproject(*scene.camera, pixel).value();
+    return {scene.camera->fx * ideal.x() + scene.camera->cx, scene.camera->fy * ideal.y() + scene.camera->cy};
   };
-  for (int j = 0; j < tag.cells.rows; ++j)
-    for (int i = 0; i < tag.cells.cols; ++i)
-      add(i, j, i + 1, j + 1, (tag.cells(j, i) > 127 ? scene.white : scene.black) - scene.wall);
-  const cv::Mat1d covered = coverage.covered();
-
-  // PSF and pixel box in one separable kernel, sampled at pixel centres.
-  const double sigma = std::sqrt(std::max(1e-4, scene.psf_px * scene.psf_px - 1.0 / (12.0 * fine * fine)));
-  Eigen::VectorXd kernel(fine * (2 * rim + 1));
-  for (Eigen::Index i = 0; i < kernel.size(); ++i) {
-    const double offset = (static_cast<double>(i) + 0.5) / fine - (rim + 0.5);
-    kernel[i] = 0.5 * (std::erf((offset + 0.5) / (std::numbers::sqrt2 * sigma)) -
-                       std::erf((offset - 0.5) / (std::numbers::sqrt2 * sigma)));
+  using Change = std::function<void(Scene&, double)>;
+  std::vector<std::pair<Change, double>> changes;
+  for (std::size_t k = 0; k < 4; ++k)
+    for (int axis = 0; axis < 2; ++axis)
+      changes.emplace_back(
+          [&, k, axis](Scene& s, double step) {
+            Corners moved = seen;
+            moved[k][axis] += step;
+            for (Vector2d& corner : moved) corner = undistorted(corner);
+            s.image_by_tag = image_by_corners(s.pattern, moved);
+          },
+          0.02);
+  changes.emplace_back([](Scene& s, double step) { s.blur_px += step; }, 0.01);
+  changes.emplace_back([](Scene& s, double step) { s.white += step; }, 1.0);
+  changes.emplace_back([](Scene& s, double step) { s.black += step; }, 1.0);
+  changes.emplace_back([](Scene& s, double step) { s.slope.x() += step; }, 1e-4);
+  changes.emplace_back([](Scene& s, double step) { s.slope.y() += step; }, 1e-4);
+  const auto count = static_cast<Eigen::Index>(changes.size());
+  // What the far edge of the margin says is not the tag's: pixels that see it carry nothing.
+  Scene other = scene;
+  other.surroundings += 1.0;
+  const cv::Mat1d beyond = light(other);
+  std::vector<cv::Mat1d> slope;
+  for (const auto& [change, step] : changes) {
+    Scene up = scene;
+    Scene down = scene;
+    change(up, step);
+    change(down, -step);
+    slope.emplace_back((light(up) - light(down)) / (2.0 * step));
   }
-  kernel /= kernel.sum();
-  const Eigen::Index columns = x1 - x0 + 1;
-  Eigen::MatrixXd across(columns, covered.rows);  // column y holds fine row y, already spread along x
-  for (int y = 0; y < covered.rows; ++y) {
-    const Eigen::Map<const Eigen::VectorXd> row(covered[y], covered.cols);
-    for (Eigen::Index x = 0; x < columns; ++x) across(x, y) = kernel.dot(row.segment(fine * x, kernel.size()));
-  }
-  for (int y = y0; y <= y1; ++y)
-    Eigen::Map<Eigen::VectorXd>(grey[y] + x0, columns) += across.middleCols(fine * (y - y0), kernel.size()) * kernel;
-
-  Corners truth;
-  const TagPoints points = tag_corners(scene.size);
-  for (int i = 0; i < 4; ++i) truth[i] = project(scene.camera, scene.T_camera_tag * points[i]);
-  return truth;
+  Eigen::MatrixXd information = Eigen::MatrixXd::Zero(count, count);
+  for (int row = 0; row < middle.rows; ++row)
+    for (int column = 0; column < middle.cols; ++column) {
+      if (beyond(row, column) - middle(row, column) > 0.02) continue;
+      const double level = middle(row, column);
+      double by_light = 1.0;
+      double grey = level;
+      if (sensor.tone != 1.0) {
+        grey = 255.0 * std::pow(std::max(level, 1e-3) / 255.0, sensor.tone);
+        by_light = sensor.tone * grey / std::max(level, 1e-3);
+      }
+      if (grey < 0.5 || grey > 254.5) continue;
+      const double variance =
+          (sensor.read_noise * sensor.read_noise + sensor.gain * std::max(level, 0.0)) * by_light * by_light +
+          1.0 / 12.0;
+      Eigen::VectorXd by(count);
+      for (Eigen::Index i = 0; i < count; ++i) by[i] = by_light * slope[static_cast<std::size_t>(i)](row, column);
+      information += by * by.transpose() / variance;
+    }
+  const Eigen::Index rest = count - 8;
+  return information.topLeftCorner(8, 8) -
+         information.topRightCorner(8, rest) *
+             information.bottomRightCorner(rest, rest).ldlt().solve(information.bottomLeftCorner(rest, 8));
 }
 
-Rendering render(const Scene& scene) {
-  Rendering result{cv::Mat1d(scene.camera.height, scene.camera.width, scene.wall), {}};
-  result.corners_px = render_into(result.grey, scene);
-  return result;
-}
-
-cv::Mat1b digitised(const cv::Mat1d& grey, double noise, std::mt19937_64& random) {
-  std::normal_distribution<double> normal(0.0, 1.0);
-  cv::Mat1b result(grey.size());
-  for (int y = 0; y < grey.rows; ++y)
-    for (int x = 0; x < grey.cols; ++x)
-      result(y, x) = static_cast<std::uint8_t>(std::clamp(std::round(grey(y, x) + noise * normal(random)), 0.0, 255.0));
-  return result;
-}
-
-Eigen::Isometry3d pose_seen(const CameraModel& camera, double size, double side_px, const Eigen::Vector2d& centre_px,
-                            double tilt, double tilt_way, double roll) {
-  using Eigen::AngleAxisd;
-  using Eigen::Vector3d;
-  const double depth = camera.fx * size / side_px;
-  const Vector3d sight((centre_px.x() - camera.cx) / camera.fx, (centre_px.y() - camera.cy) / camera.fy, 1.0);
-  const Vector3d axis(-std::sin(tilt_way), std::cos(tilt_way), 0.0);
-  Eigen::Isometry3d T = Eigen::Isometry3d::Identity();
-  T.linear() = (Eigen::Quaterniond::FromTwoVectors(Vector3d::UnitZ(), sight) * AngleAxisd(tilt, axis) *
-                AngleAxisd(roll, Vector3d::UnitZ()))
-                   .toRotationMatrix();
-  T.translation() = depth * sight;
-  return T;
-}
-
-Scene base_scene(std::mt19937_64& random, double side_px, double tilt_deg) {
-  std::uniform_real_distribution<double> share(0.0, 1.0);
-  const double turn = 2.0 * std::numbers::pi;
-  Scene scene;
-  scene.id = static_cast<int>(587 * share(random));
-  const Eigen::Vector2d centre =
-      Eigen::Vector2d::Constant(159.5) + Eigen::Vector2d(share(random), share(random)) * 20.0;
-  const double way = turn * share(random);
-  scene.T_camera_tag =
-      pose_seen(scene.camera, scene.size, side_px, centre, radians(tilt_deg), way, turn * share(random));
-  return scene;
-}
-
-void CornerError::add(const Corners& found, const Corners& truth) {
-  for (int i = 0; i < 4; ++i) {
-    const Eigen::Vector2d error = found[i] - truth[i];
-    squares += error.squaredNorm();
-    worst_px = std::max(worst_px, error.norm());
-    sum += error;
-    ++corners;
-  }
-}
-
-double CornerError::rms_px() const { return std::sqrt(squares / (2.0 * corners)); }
-Eigen::Vector2d CornerError::mean_px() const { return sum / corners; }
-
-}  // namespace tagdock::testing
+}  // namespace tagdock::rendering

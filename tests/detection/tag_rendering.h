@@ -1,61 +1,68 @@
 #pragma once
 
-#include <random>
-#include <string>
+#include <cstdint>
+#include <optional>
+#include <vector>
 
-#include <Eigen/Geometry>
+#include <Eigen/Core>
 #include <opencv2/core.hpp>
 
 #include "calibration/camera_model.h"
 #include "calibration/target.h"
+#include "detection/tag_pattern.h"
 
-namespace tagdock::testing {
+namespace tagdock::rendering {
 
-/// One tag before an even grey wall, its white margin one cell wide.
+/// A flat thing in the tag's plane that covers what is under it.
+struct Patch {
+  std::vector<Eigen::Vector2d> outline;  ///< [modules]; right to left or left to right
+  double level = 0.0;                    ///< linear grey levels
+};
+
+/// A printed tag, the lens in front of it and the light on it. Grey levels are linear.
 struct Scene {
-  CameraModel camera{320, 320, 800.0, 800.0, 159.5, 159.5};
-  std::string family = "tag36h11";
-  int id = 0;
-  double size = 0.16;  ///< side of the square that the family's corners belong to [m]
-  Eigen::Isometry3d T_camera_tag = Eigen::Isometry3d::Identity();
-  double white = 200.0, black = 40.0, wall = 120.0;  ///< grey levels
-  double psf_px = 0.7;                               ///< sigma of the lens' spread
+  TagPattern pattern;
+  Eigen::Matrix3d image_by_tag = Eigen::Matrix3d::Identity();  ///< modules from the tag's centre -> undistorted px
+  std::optional<CameraModel> camera;                           ///< bends undistorted pixels
+  int width = 0, height = 0;
+  double white = 180.0, black = 20.0;
+  double surroundings = 100.0;                       ///< beyond the print and on its unknown cells
+  double blur_px = 0.7;                              ///< sigma of the optics, the pixel's box not included
+  Eigen::Vector2d slope = Eigen::Vector2d::Zero();   ///< of the light, relative to the tag's centre [1/px]
+  double bleed = 0.0;                                ///< every black area grows by this [modules]
+  Eigen::Vector2d motion = Eigen::Vector2d::Zero();  ///< of the image during exposure [px], centred
+  std::vector<Patch> patches;                        ///< on the tag or beside it, blurred with it
 };
 
-/// Exact area coverage of the projected cells, Gaussian PSF integrated over the pixel, no noise, not rounded; corners
-/// come from the projection alone. Written for the tests; it shares no code with what it tests.
-struct Rendering {
-  cv::Mat1d grey;
-  Corners corners_px;
-};
-Rendering render(const Scene& scene);
-
-/// The same rendered into an image that may hold other tags already; returns the true corners.
-Corners render_into(cv::Mat1d& grey, const Scene& scene);
-
-/// With Gaussian noise of the sigma [grey levels], rounded and clipped to 8 bits.
-cv::Mat1b digitised(const cv::Mat1d& grey, double noise, std::mt19937_64& random);
-
-/// A pose that shows the tag about `side_px` large at the image place `centre_px` (without distortion).
-/// @param tilt      between tag normal and line of sight [rad]
-/// @param tilt_way  direction in the image in which the tag leans [rad]
-/// @param roll      of the tag in its own plane [rad]
-Eigen::Isometry3d pose_seen(const CameraModel& camera, double size, double side_px, const Eigen::Vector2d& centre_px,
-                            double tilt, double tilt_way, double roll);
-
-/// The base condition of the notes: 100 px, contrast 160, PSF 0.7, tilt 30 degrees, random roll, place and id.
-Scene base_scene(std::mt19937_64& random, double side_px = 100.0, double tilt_deg = 30.0);
-
-/// Root of the mean square over the eight coordinates of all tags; add tags one by one.
-struct CornerError {
-  double squares = 0.0;
-  double worst_px = 0.0;  ///< largest distance of a corner
-  Eigen::Vector2d sum = Eigen::Vector2d::Zero();
-  int corners = 0;
-
-  void add(const Corners& found, const Corners& truth);
-  [[nodiscard]] double rms_px() const;
-  [[nodiscard]] Eigen::Vector2d mean_px() const;
+struct Sensor {
+  double read_noise = 2.0;  ///< sigma [grey levels]
+  double gain = 0.0;        ///< grey levels^2 of photon noise per grey level
+  double tone = 1.0;        ///< exponent: 255 (I/255)^tone
+  std::uint64_t seed = 1;
 };
 
-}  // namespace tagdock::testing
+/// Where the black square's corners truly are [px].
+Corners true_corners(const Scene& scene);
+
+/// The linear image without noise: exact areas on a grid of 8 (16 for sharp optics) cells a pixel, blurred by the
+/// Gaussian times the pixel's box.
+cv::Mat1d light(const Scene& scene);
+
+/// Noise, tone curve, clipping and rounding.
+cv::Mat1b expose(const cv::Mat1d& light, const Sensor& sensor);
+
+/// A tag whose mean side has `side_px`, seen by a camera of focal length `focal_px`.
+/// @param tilt, tilt_axis, roll  [rad]; the axis lies in the image plane
+/// @param centre                 of the tag, undistorted px
+Eigen::Matrix3d view(const TagPattern& pattern, double side_px, double focal_px, const Eigen::Vector2d& principal,
+                     const Eigen::Vector2d& centre, double tilt, double tilt_axis, double roll);
+
+/// Homography from the tag to undistorted pixels whose corners are these.
+Eigen::Matrix3d image_by_corners(const TagPattern& pattern, const Corners& undistorted_px);
+
+/// Standard deviation per corner coordinate that no unbiased method can undercut, as an information matrix of the eight
+/// coordinates with white, black, blur and two slopes unknown.
+/// Source: notes on detection, section 7.
+Eigen::Matrix<double, 8, 8> corner_information(const Scene& scene, const Sensor& sensor);
+
+}  // namespace tagdock::rendering
