@@ -223,12 +223,11 @@ std::pair<double, double> start_levels(const Mask& mask, double band) {
 
 /// Brings theta to a minimum of the squared residuals.
 /// @return  whether it got there
-bool minimise(const SideCost& cost, int max_iterations, bool hold_spread, std::array<double, theta_size>& theta) {
-  SideCost evaluated = cost;
+bool minimise(SideCost& cost, int max_iterations, bool hold_spread, std::array<double, theta_size>& theta) {
   ceres::Problem::Options ownership;
   ownership.cost_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
   ceres::Problem problem(ownership);
-  problem.AddResidualBlock(&evaluated, nullptr, theta.data());
+  problem.AddResidualBlock(&cost, nullptr, theta.data());
   if (hold_spread) problem.SetManifold(theta.data(), new ceres::SubsetManifold(theta_size, {log_spread}));
   ceres::Solver::Options options;
   options.linear_solver_type = ceres::DENSE_QR;
@@ -255,7 +254,7 @@ std::variant<FittedSide, Unrefined> fit_side(const CoarseSide& side, const Mask&
   theta[contrast] = outside - inside;  // negative for families whose square is white
   theta[log_spread] = std::log(start_blur_px);
   const std::array<double, theta_size> start = theta;
-  const SideCost cost(mask, config.profile);
+  SideCost cost(mask, config.profile);
   bool found = minimise(cost, config.max_iterations, false, theta);
   if (!found || std::exp(theta[log_spread]) < least_blur_px) {
     theta = start;
