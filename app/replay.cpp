@@ -40,9 +40,9 @@ int replay_session(const ReplayOptions& options) {
   for (const std::string& remark : session.remarks) std::cerr << "replay: " << remark << "\n";
   const SessionHead head = read_session_head(options.folder);
   Config config = head.config;
-  if (!options.camera.empty()) config.rig.camera = read_camera(options.camera);
+  if (!options.camera.empty()) config.rig.camera = CameraFile::load(options.camera).camera();
   if (!options.board.empty()) config.board = read_board(options.board);
-  if (!options.method.empty()) config.locator.method = method_by_word(options.method);
+  if (!options.method.empty()) config.locator.method = required_method(options.method);
   config = parse_config(to_yaml(config), "(configuration of this replay)");
 
   const auto begin = std::chrono::steady_clock::now();

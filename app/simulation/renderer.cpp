@@ -15,6 +15,8 @@
 #include <apriltag/tagStandard41h12.h>
 #include <apriltag/tagStandard52h13.h>
 
+#include "app/simulation/draws.h"
+
 namespace tagdock {
 namespace {
 
@@ -375,14 +377,6 @@ void add_polygon(Patch& patch, const Spread& spread, const CameraModel& camera, 
 }
 
 // ---- noise ----------------------------------------------------------------------------------------------------------
-
-/// A well-mixed number of a counter (splitmix64).
-std::uint64_t mixed(std::uint64_t counter) {
-  std::uint64_t z = counter * 0x9E3779B97F4A7C15ULL + 0x9E3779B97F4A7C15ULL;
-  z = (z ^ (z >> 30)) * 0xBF58476D1CE4E5B9ULL;
-  z = (z ^ (z >> 27)) * 0x94D049BB133111EBULL;
-  return z ^ (z >> 31);
-}
 
 /// Quantiles of the normal distribution at equal shares, scaled to variance 1.
 std::array<float, quantile_count> normal_quantiles() {

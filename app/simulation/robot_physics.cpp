@@ -1,0 +1,164 @@
+#include "app/simulation/robot_physics.h"
+
+#include <algorithm>
+#include <cmath>
+#include <stdexcept>
+
+#include "app/simulation/draws.h"
+
+namespace tagdock {
+namespace {
+
+constexpr double gravity = 9.81;           // m/s^2
+constexpr double field_step = 0.01;        // m
+constexpr std::size_t field_count = 6000;  // 60 m of travel, then the last value stays
+
+/// Unit variance, correlated over `length`.
+std::vector<double> ornstein_uhlenbeck(Draws& draws, double length) {
+  const double keep = std::exp(-field_step / length);
+  const double fresh = std::sqrt(1.0 - keep * keep);
+  std::vector<double> values{draws.normal()};
+  values.reserve(field_count);
+  while (values.size() < field_count) values.push_back(keep * values.back() + fresh * draws.normal());
+  return values;
+}
+
+}  // namespace
+
+RobotPhysics::RobotPhysics(const StartScenario& start, const DriveScenario& drive, double camera_ahead,
+                           std::uint64_t seed)
+    : drive_(drive), walk_key_(mixed(mixed(seed) + 2)) {
+  draw_field(seed);
+  draw_start(start, camera_ahead, seed);
+}
+
+void RobotPhysics::draw_field(std::uint64_t seed) {
+  Draws draws(seed, 1);
+  field_.turn_scale = drive_.turn_scale_sigma * draws.normal();
+  field_.speed_scale = drive_.speed_scale_sigma * draws.normal();
+  field_.wheel_difference = drive_.wheel_difference_sigma * draws.normal();
+  field_.floor = std::clamp(draws.normal(), -2.0, 2.0);
+  field_.over_turn = ornstein_uhlenbeck(draws, drive_.field_length);
+  const double run = drive_.friction_run_sigma;
+  const double own = drive_.friction_castor_sigma;
+  const double along = drive_.friction_field_sigma;
+  const double mean_shift = 0.5 * (run * run + own * own + along * along);  // so that the mean is `friction`
+  for (std::vector<double>& friction : field_.friction) {
+    const double castor = draws.normal();
+    friction = ornstein_uhlenbeck(draws, drive_.field_length);
+    for (double& value : friction)
+      value = std::min(drive_.friction_cap,
+                       drive_.friction * std::exp(run * field_.floor + own * castor + along * value - mean_shift));
+  }
+}
+
+void RobotPhysics::draw_start(const StartScenario& start, double camera_ahead, std::uint64_t seed) {
+  Draws draws(seed, 4);
+  double bearing = start.bearing + start.bearing_sigma * draws.normal();
+  const double range = start.range + start.range_sigma * draws.normal();
+  double heading = start.heading_sigma * draws.normal();
+  for (double& angle : truth_.castor_angles)
+    angle = wrap_angle(start.castor_angle + start.castor_sigma * draws.normal());
+  bearing += start.bearing_spread * draws.even();
+  heading += bearing + start.heading_spread * draws.even();
+  const Pose2 T_station_camera{-range * std::cos(bearing), -range * std::sin(bearing), heading};
+  truth_.T_station_base = T_station_camera * Pose2{-camera_ahead, 0.0, 0.0};
+}
+
+void RobotPhysics::command(const Twist2& wanted, std::chrono::nanoseconds now) {
+  if (!is_finite(wanted)) throw std::invalid_argument("the simulated robot was given a command that is not a number");
+  commands_.push_back({now, wanted});
+}
+
+void RobotPhysics::advance(std::chrono::nanoseconds now) {
+  while (truth_.time + step <= now) take_step();
+}
+
+Twist2 RobotPhysics::wanted_at(std::chrono::nanoseconds time) {
+  while (commands_.size() > 1 && commands_[1].time <= time) commands_.pop_front();
+  const auto timeout = std::chrono::nanoseconds(std::llround(1e9 * drive_.command_timeout));
+  if (commands_.empty() || commands_.front().time > time || time - commands_.front().time > timeout) return {};
+  const Twist2 wanted = commands_.front().wanted;
+  const double faster_wheel = std::abs(wanted.linear) + 0.5 * drive_.track * std::abs(wanted.angular);
+  return faster_wheel < drive_.dead_band ? Twist2{} : wanted;
+}
+
+void RobotPhysics::take_step() {
+  constexpr double dt = std::chrono::duration<double>(step).count();
+  const auto dead_time = std::chrono::nanoseconds(std::llround(1e9 * drive_.dead_time));
+  const Twist2 wanted = wanted_at(truth_.time - dead_time);
+
+  // The drive: lag and limits.
+  Twist2& wheels = truth_.wheels;
+  wheels.linear +=
+      dt * std::clamp((wanted.linear - wheels.linear) / drive_.lag, -drive_.acceleration, drive_.acceleration);
+  wheels.angular += dt * std::clamp((wanted.angular - wheels.angular) / drive_.lag, -drive_.angular_acceleration,
+                                    drive_.angular_acceleration);
+  const double v = wheels.linear;
+  const double w = wheels.angular;
+  const double odometry_yaw = T_odom_base_.yaw + 0.5 * w * dt;
+  T_odom_base_.x += v * std::cos(odometry_yaw) * dt;
+  T_odom_base_.y += v * std::sin(odometry_yaw) * dt;
+  T_odom_base_.yaw += w * dt;
+
+  // Over-turn and wheels that are not what the robot believes.
+  Pose2& pose = truth_.T_station_base;
+  const auto on_patch = [&](double x) {
+    return drive_.patch_length > 0.0 &&
+           x - drive_.patch_period * std::floor(x / drive_.patch_period) < drive_.patch_length;
+  };
+  const std::size_t place = std::min(static_cast<std::size_t>(truth_.travelled / field_step), field_count - 1);
+  const double curvature = std::min(1.5, std::abs(w) / std::max(0.02, std::abs(v)));  // 1/m
+  const double over_turn = drive_.over_turn + (on_patch(pose.x) ? drive_.patch_over_turn : 0.0) + field_.turn_scale -
+                           drive_.floor_coupling * drive_.friction_run_sigma * field_.floor +
+                           drive_.over_turn_field_sigma * field_.over_turn[place];
+  const double both_radii = 0.5 * (drive_.left_radius_error + drive_.right_radius_error);
+  const double difference = field_.wheel_difference + drive_.right_radius_error - drive_.left_radius_error;
+  const double w1 = w * (1.0 + both_radii + over_turn * std::pow(curvature, drive_.over_turn_exponent)) +
+                    v * difference / drive_.track;
+  const double v1 = v * (1.0 + both_radii + field_.speed_scale);
+
+  // Castors: each swivels behind its pivot, and scrubs against the floor while it does.
+  const double castor_load = drive_.mass * gravity * (1.0 - drive_.drive_load_share) / 4.0;
+  const double drive_load = drive_.mass * gravity * drive_.drive_load_share;
+  double push_aside = 0.0;
+  double push_around = 0.0;
+  for (int i = 0; i < 4; ++i) {
+    const double x = i < 2 ? drive_.castor_ahead : -drive_.castor_ahead;
+    const double y = i % 2 == 0 ? drive_.castor_aside : -drive_.castor_aside;
+    double& angle = truth_.castor_angles[i];
+    const double pivot_x = v1 - w1 * y;
+    const double pivot_y = w1 * x;
+    const double sine = std::sin(angle);
+    const double cosine = std::cos(angle);
+    const double swivel = -w1 + (-pivot_x * sine + pivot_y * cosine) / drive_.castor_trail;
+    const double spin = (w1 + swivel) / std::max(0.01, std::hypot(pivot_x, pivot_y));
+    double friction = field_.friction[i][place];
+    if (on_patch(pose.x + x * std::cos(pose.yaw) - y * std::sin(pose.yaw))) friction *= drive_.patch_friction;
+    const double moment =
+        drive_.scrub_factor * friction * castor_load * drive_.scrub_radius * std::tanh(spin / drive_.creepage);
+    const double force_x = moment / drive_.castor_trail * sine;
+    const double force_y = -moment / drive_.castor_trail * cosine;
+    push_aside += force_y;
+    push_around += x * force_y - y * force_x;
+    angle = wrap_angle(angle + swivel * dt);
+  }
+
+  // The drive wheels creep under that push, in proportion to how fast they roll.
+  const double rolling = std::max(std::abs(v), 0.5 * std::abs(w) * drive_.track);
+  const double stiffness = drive_.creep_stiffness * drive_load;
+  const double v_aside = rolling * push_aside / stiffness;
+  const double w_pushed = 4.0 * rolling * push_around / (drive_.track * drive_.track * stiffness);
+  double turned = (w1 + w_pushed) * dt;
+  if (v != 0.0) turned += drive_.yaw_walk * std::sqrt(std::abs(v) * dt) * normal_number(walk_key_ + steps_);
+  const double yaw = pose.yaw + 0.5 * turned;
+  pose.x += (v1 * std::cos(yaw) - v_aside * std::sin(yaw)) * dt;
+  pose.y += (v1 * std::sin(yaw) + v_aside * std::cos(yaw)) * dt;
+  pose.yaw += turned;
+  truth_.motion = {v1, turned / dt};
+  truth_.travelled += rolling * dt;
+  truth_.time += step;
+  ++steps_;
+}
+
+}  // namespace tagdock
