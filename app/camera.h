@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "detection/frame.h"
 
@@ -30,6 +31,23 @@ struct CameraFrame {
   std::uint64_t lost_before = 0;  ///< frames missing right before this one
 };
 
+/// What a camera is and what it made of the settings that it was asked for. Zero or empty: it does not say.
+struct CameraSettings {
+  std::string identity;  ///< vendor, model and serial number, or the folder of a recorded camera
+  int sensor_width = 0;  ///< [px]
+  int sensor_height = 0;
+  /// What of the sensor the frames show. A camera model holds for the sensor: pixel (0, 0) of a frame is the sensor's
+  /// (offset_x, offset_y), so the principal point moves by minus the offset.
+  int offset_x = 0;
+  int offset_y = 0;
+  int width = 0;
+  int height = 0;
+  double frame_rate = 0.0;  ///< 1/s
+  double exposure_us = 0.0;
+  double gain = 0.0;               ///< dB, as far as the camera keeps to the convention
+  std::vector<std::string> notes;  ///< sentences for a person: what differs from what was asked, and its cure
+};
+
 /// A source of frames. `newest` is called from the loop thread and never waits.
 class Camera {
  public:
@@ -40,6 +58,9 @@ class Camera {
   virtual std::optional<CameraFrame> newest(std::chrono::nanoseconds now) = 0;
 
   [[nodiscard]] virtual CameraHealth health() const = 0;
+
+  /// As read back from the camera when it was last opened.
+  [[nodiscard]] virtual CameraSettings actual() const { return {}; }
 };
 
 }  // namespace tagdock

@@ -1,0 +1,43 @@
+#pragma once
+
+#include <chrono>
+#include <cstddef>
+#include <memory>
+#include <optional>
+#include <string>
+
+#include "app/camera.h"
+
+namespace tagdock {
+
+/// Which camera, and how it is asked to work. What is not given stays as the camera has it.
+struct GigeSettings {
+  std::string address;  ///< numeric, inside 127.0.0.0/8; empty: looked for by serial number
+  std::string serial;   ///< empty: whichever camera answers at the address
+  int offset_x = 0;     ///< of the sensor's region that is sent [px]
+  int offset_y = 0;
+  int width = 0;  ///< 0: to the sensor's edge
+  int height = 0;
+  std::optional<double> frame_rate;  ///< 1/s
+  std::optional<double> exposure_us;
+  std::optional<double> gain;  ///< dB, as far as the camera keeps to the convention
+  /// Bytes of a packet. 16384 on the loopback device: fewer packets than with the usual 1400, and frames four times
+  /// smaller than the receive buffer still fit into a stock kernel's limit. A real network takes its MTU at most.
+  int packet_size = 16384;
+  /// Receive buffer of the stream. The sender sends a frame in one burst, so it must hold most of a frame.
+  std::size_t receive_buffer = std::size_t{4} << 20;
+  /// From mid-exposure to arrival, as far as the arrivals themselves cannot tell it: the smallest delay.
+  std::chrono::nanoseconds declared_latency{0};
+  /// How long a camera that somebody else controls is waited for. A controller that died keeps it for 3 s.
+  std::chrono::milliseconds take_over_wait{4000};
+};
+
+/// Opens a GigE Vision camera and starts its stream; a thread of its own hands the newest frame over, notices when the
+/// camera is lost (no good frame for 250 ms or 5 periods, and no answer to two probes), and opens the same camera again
+/// when it is back. Only numeric loopback addresses are ever spoken to, by unicast.
+/// @param session_start  zero of the session's time
+/// @throws Failure (camera) with a sentence when nobody is there, another program controls the camera, or the link
+///         breaks; Failure (usage) when a setting is refused
+std::unique_ptr<Camera> open_gige(const GigeSettings& settings, std::chrono::steady_clock::time_point session_start);
+
+}  // namespace tagdock

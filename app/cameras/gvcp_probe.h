@@ -1,0 +1,53 @@
+#pragma once
+
+#include <chrono>
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace tagdock {
+
+/// A numeric address inside 127.0.0.0/8: the only kind that tagdock sends anything to.
+class LoopbackAddress {
+ public:
+  /// @throws Failure (usage) for a name, an address of another network, or anything else that is not a.b.c.d;
+  ///         nothing is ever looked up in a name service
+  explicit LoopbackAddress(const std::string& text);
+
+  [[nodiscard]] const std::string& text() const { return text_; }
+  [[nodiscard]] std::uint32_t number() const { return number_; }  ///< host byte order
+
+  bool operator==(const LoopbackAddress&) const = default;
+
+ private:
+  std::string text_;
+  std::uint32_t number_ = 0;
+};
+
+/// How a GigE Vision camera introduces itself (bootstrap registers of its discovery answer).
+struct CameraIdentity {
+  std::string address;
+  std::string vendor;
+  std::string model;
+  std::string serial;
+  std::string user_name;
+
+  bool operator==(const CameraIdentity&) const = default;
+};
+
+/// Asks one address whether a camera is there: a discovery command by unicast, never by broadcast.
+/// Answered in 0.03 to 0.2 ms by the simulated camera. Does not disturb whoever controls the camera.
+std::optional<CameraIdentity> probe_camera(const LoopbackAddress& address, std::chrono::milliseconds timeout);
+
+/// Asks every address of the loopback device, and 127.0.0.1 to 127.0.0.16, which camera is there; one datagram each.
+std::vector<CameraIdentity> probe_loopback(std::chrono::milliseconds timeout);
+
+/// Whether somebody controls the camera; none if it does not answer.
+/// Aravis' camera renews the controller's lease (3 s) at every read of this register, whoever reads: ask seldom.
+std::optional<bool> is_controlled(const LoopbackAddress& address, std::chrono::milliseconds timeout);
+
+/// Whether another program holds the GVCP port 3956 of the address.
+bool gvcp_port_is_taken(const LoopbackAddress& address);
+
+}  // namespace tagdock
