@@ -280,11 +280,12 @@ int plan_one(const PlanArguments& arguments, Mode mode, DockingPlanConfig config
   if (arguments.explain) explain(std::cerr, query, answer);
   if (!arguments.svg.empty()) {
     PlanScene scene{query.start, query.goal, board, query.limits, config.view.value_or(ViewWish{}), 0.4, 0.4, 0.6, {}};
-    char title[160];
-    const auto* plan = std::get_if<DockingPlan>(&answer.result);
-    std::snprintf(title, sizeof title, "%s: %s, %.3f m, %zu segments, curvature up to %.3f 1/m",
-                  std::string(status(answer.result)).c_str(), arguments.mode.c_str(), plan ? plan->length : 0.0,
-                  plan ? plan->path.segments.size() : 0, plan ? plan->peak_curvature : 0.0);
+    char title[160] = "";
+    if (const auto* plan = std::get_if<DockingPlan>(&answer.result))
+      std::snprintf(title, sizeof title, "%s: %.3f m, %zu segments, curvature up to %.3f 1/m", arguments.mode.c_str(),
+                    plan->length, plan->path.segments.size(), plan->peak_curvature);
+    else
+      std::snprintf(title, sizeof title, "%s: %s", arguments.mode.c_str(), std::string(status(answer.result)).c_str());
     scene.title = title;
     Sink picture(arguments.svg);
     picture.stream() << plan_picture(answer.result, scene);

@@ -53,30 +53,57 @@ class Diagram {
     const double x_step = tick(x_high_ - x_low_, box_.width / 70.0);
     const double y_step = tick(y_high_ - y_low_, box_.height / 45.0);
     for (double x = std::ceil(x_low_ / x_step) * x_step; x <= x_high_ + 1e-9 * x_step; x += x_step) {
-      svg += format("<line x1='%.1f' y1='%.1f' x2='%.1f' y2='%.1f' class='grid'/>", px(x), box_.top, px(x),
-                    box_.top + box_.height);
-      svg += format("<text x='%.1f' y='%.1f' class='tick' text-anchor='middle'>%g</text>\n", px(x),
+      svg += format("<line x1='%.1f' y1='%.1f' x2='%.1f' y2='%.1f' stroke='#e4e4e4' stroke-width='1'/>", px(x),
+                    box_.top, px(x), box_.top + box_.height);
+      svg += format("<text x='%.1f' y='%.1f' font-size='11' text-anchor='middle'>%g</text>\n", px(x),
                     box_.top + box_.height + 15.0, std::abs(x) < 1e-9 * x_step ? 0.0 : x);
     }
     for (double y = std::ceil(y_low_ / y_step) * y_step; y <= y_high_ + 1e-9 * y_step; y += y_step) {
-      svg += format("<line x1='%.1f' y1='%.1f' x2='%.1f' y2='%.1f' class='grid'/>", box_.left, py(y),
-                    box_.left + box_.width, py(y));
-      svg += format("<text x='%.1f' y='%.1f' class='tick' text-anchor='end'>%g</text>\n", box_.left - 6.0, py(y) + 4.0,
-                    std::abs(y) < 1e-9 * y_step ? 0.0 : y);
+      svg += format("<line x1='%.1f' y1='%.1f' x2='%.1f' y2='%.1f' stroke='#e4e4e4' stroke-width='1'/>", box_.left,
+                    py(y), box_.left + box_.width, py(y));
+      svg += format("<text x='%.1f' y='%.1f' font-size='11' text-anchor='end'>%g</text>\n", box_.left - 6.0,
+                    py(y) + 4.0, std::abs(y) < 1e-9 * y_step ? 0.0 : y);
     }
-    svg += format("<rect x='%.1f' y='%.1f' width='%.1f' height='%.1f' class='frame'/>", box_.left, box_.top, box_.width,
-                  box_.height);
-    svg += format("<text x='%.1f' y='%.1f' class='name' text-anchor='middle'>%s</text>", box_.left + 0.5 * box_.width,
+    svg += format("<rect x='%.1f' y='%.1f' width='%.1f' height='%.1f' fill='none' stroke='#888888' stroke-width='1'/>",
+                  box_.left, box_.top, box_.width, box_.height);
+    svg += format("<text x='%.1f' y='%.1f' font-size='13' text-anchor='middle'>%s</text>", box_.left + 0.5 * box_.width,
                   box_.top + box_.height + 34.0, x_name);
-    svg += format("<text x='%.1f' y='%.1f' class='name'>%s</text>\n", box_.left, box_.top - 8.0, y_name);
+    svg += format("<text x='%.1f' y='%.1f' font-size='13'>%s</text>\n", box_.left, box_.top - 8.0, y_name);
   }
 
+  /// A line, cut at the frame.
   void line(std::string& svg, const std::vector<std::pair<double, double>>& points, const char* style) const {
-    svg += "<polyline fill='none' ";
-    svg += style;
-    svg += " points='";
-    for (const auto& [x, y] : points) svg += format("%.2f,%.2f ", px(x), py(y));
-    svg += "'/>\n";
+    bool open = false;
+    double last_x = 0.0;
+    double last_y = 0.0;
+    for (std::size_t i = 1; i < points.size(); ++i) {
+      double begin = 0.0;
+      double end = 1.0;
+      const auto [x, y] = points[i - 1];
+      const double dx = points[i].first - x;
+      const double dy = points[i].second - y;
+      // Liang-Barsky: the part of the segment that lies inside of each border.
+      const auto inside = [&](double rate, double room) {
+        if (rate == 0.0) return room >= 0.0;
+        (rate > 0.0 ? end : begin) = rate > 0.0 ? std::min(end, room / rate) : std::max(begin, room / rate);
+        return begin <= end;
+      };
+      const bool visible =
+          inside(dx, x_high_ - x) && inside(-dx, x - x_low_) && inside(dy, y_high_ - y) && inside(-dy, y - y_low_);
+      if (!visible) continue;
+      const double from_x = x + begin * dx;
+      const double from_y = y + begin * dy;
+      if (!open || from_x != last_x || from_y != last_y) {
+        if (open) svg += "'/>\n";
+        svg +=
+            std::string("<polyline fill='none' ") + style + " points='" + format("%.2f,%.2f ", px(from_x), py(from_y));
+        open = true;
+      }
+      last_x = end == 1.0 ? points[i].first : x + end * dx;
+      last_y = end == 1.0 ? points[i].second : y + end * dy;
+      svg += format("%.2f,%.2f ", px(last_x), py(last_y));
+    }
+    if (open) svg += "'/>\n";
   }
 
  private:
@@ -145,10 +172,6 @@ void draw_map(std::string& svg, const DockingPlan* plan, const PlanScene& scene,
   const Diagram map(box, x_middle - 0.5 * box.width / metre, x_middle + 0.5 * box.width / metre,
                     y_middle - 0.5 * box.height / metre, y_middle + 0.5 * box.height / metre);
   map.axes(svg, "x [m], towards the wall", "y [m], left");
-  svg += format(
-      "<clipPath id='map'><rect x='%.1f' y='%.1f' width='%.1f' height='%.1f'/></clipPath><g "
-      "clip-path='url(#map)'>\n",
-      box.left, box.top, box.width, box.height);
   const Pose2 left_edge = scene.board * Pose2{0.0, scene.view.board_half_width, 0.0};
   const Pose2 right_edge = scene.board * Pose2{0.0, -scene.view.board_half_width, 0.0};
   const Pose2 wall_left = scene.board * Pose2{0.05, 20.0, 0.0};
@@ -158,13 +181,13 @@ void draw_map(std::string& svg, const DockingPlan* plan, const PlanScene& scene,
     for (auto candidate = plan->candidates.rbegin(); candidate != plan->candidates.rend(); ++candidate) {
       const bool forward = candidate->verdict.starts_with("forward");
       map.line(svg, line_of(candidate->word.path(scene.start, scene.limits.max_curvature)),
-               forward ? "stroke='#5b8fc9' stroke-width='1.1' opacity='0.8'"
-                       : "stroke='#a9a9a9' stroke-width='0.6' opacity='0.7'");
+               forward ? "stroke='#7ba5d3' stroke-width='1.2'"
+                       : "stroke='#cccccc' stroke-width='0.8'");
     }
     constexpr int outlines = 9;
     for (int i = 1; i < outlines; ++i)
       draw_robot(svg, map, point_at(plan->path, plan->length * i / outlines).pose, scene,
-                 "stroke='#c98a3b' stroke-width='0.7' opacity='0.6'");
+                 "stroke='#dfb98a' stroke-width='0.8'");
     // The way in alternating shades, so that segments can be told apart; reverse in red.
     Pose2 at = plan->path.start;
     int index = 0;
@@ -187,7 +210,6 @@ void draw_map(std::string& svg, const DockingPlan* plan, const PlanScene& scene,
     svg += format("<circle cx='%.1f' cy='%.1f' r='4' fill='%s'/>", map.px(pose.x), map.py(pose.y), colour);
   }
   map.line(svg, {{left_edge.x, left_edge.y}, {right_edge.x, right_edge.y}}, "stroke='#000000' stroke-width='6'");
-  svg += "</g>\n";
 }
 
 void draw_curvature(std::string& svg, const DockingPlan& plan, const PlanScene& scene, const Box& box) {
@@ -235,16 +257,15 @@ std::string plan_picture(const DockingPlanResult& result, const PlanScene& scene
   const auto* plan = std::get_if<DockingPlan>(&result);
   std::string svg =
       "<svg xmlns='http://www.w3.org/2000/svg' width='1280' height='720' viewBox='0 0 1280 720'>\n"
-      "<style>text{font-family:sans-serif;fill:#222}.tick{font-size:11px}.name{font-size:13px}.title{font-size:17px}"
-      ".grid{stroke:#e4e4e4;stroke-width:1}.frame{fill:none;stroke:#888;stroke-width:1}</style>\n"
-      "<rect width='1280' height='720' fill='#ffffff'/>\n";
-  svg += "<text x='60' y='30' class='title'>" + escaped(scene.title) + "</text>\n";
+      "<rect width='1280' height='720' fill='#ffffff'/>\n<g font-family='DejaVu Sans, sans-serif' fill='#222222'>\n";
+  svg += "<text x='60' y='30' font-size='17'>" + escaped(scene.title) + "</text>\n";
   draw_map(svg, plan, scene, {60.0, 70.0, 640.0, 590.0});
   if (plan != nullptr && plan->length > 0.0) {
     draw_curvature(svg, *plan, scene, {780.0, 70.0, 460.0, 240.0});
     draw_bearing(svg, *plan, scene, {780.0, 400.0, 460.0, 260.0});
     svg +=
-        "<text x='60' y='712' class='tick'>black: straight, orange: turn, red: reverse, blue: Reeds-Shepp words driven "
+        "<text x='60' y='712' font-size='11'>black: straight, orange: turn, red: reverse, blue: Reeds-Shepp words "
+        "driven "
         "forward, grey: with direction changes; green: start, violet: goal</text>\n";
   } else if (const auto* refusal = std::get_if<PlanRefusal>(&result)) {
     double y = 90.0;
@@ -252,12 +273,12 @@ std::string plan_picture(const DockingPlanResult& result, const PlanScene& scene
     while (!text.empty()) {
       std::size_t cut = text.size() <= 62 ? text.size() : text.rfind(' ', 62);
       if (cut == std::string::npos || cut == 0) cut = std::min<std::size_t>(62, text.size());
-      svg += format("<text x='780' y='%.0f' class='name'>", y) + escaped(text.substr(0, cut)) + "</text>\n";
+      svg += format("<text x='780' y='%.0f' font-size='13'>", y) + escaped(text.substr(0, cut)) + "</text>\n";
       text.erase(0, std::min(text.size(), cut + 1));
       y += 20.0;
     }
   }
-  return svg + "</svg>\n";
+  return svg + "</g></svg>\n";
 }
 
 }  // namespace tagdock
