@@ -226,10 +226,11 @@ bool already_there(const Pose2& start, const Pose2& goal) {
 }
 
 double board_bearing(const Pose2& T_station_base, const ViewWish& view) {
-  const double c = std::cos(T_station_base.yaw);
-  const double s = std::sin(T_station_base.yaw);
-  const double x = T_station_base.x + view.camera_ahead * c;
-  const double y = T_station_base.y + view.camera_ahead * s;
+  const Pose2 camera = between(view.T_station_board, T_station_base * Pose2{view.camera_ahead, 0.0, 0.0});
+  const double c = std::cos(camera.yaw);
+  const double s = std::sin(camera.yaw);
+  const double x = camera.x;
+  const double y = camera.y;
   double largest = 0.0;
   for (const double edge : {-view.board_half_width, view.board_half_width}) {
     const double ahead = -x * c + (edge - y) * s;
@@ -249,16 +250,15 @@ bool keeps_view(const Path& path, const ViewWish& view, double& largest) {
     double driven = 0.0;
     for (;;) {
       const Pose2 pose = pose_along(at, segment, std::copysign(driven, segment.length));
-      const double x = pose.x + view.camera_ahead * std::cos(pose.yaw);
-      const double y = pose.y + view.camera_ahead * std::sin(pose.yaw);
-      const double range = std::hypot(x, y);
+      const Pose2 camera = between(view.T_station_board, pose * Pose2{view.camera_ahead, 0.0, 0.0});
+      const double range = std::hypot(camera.x, camera.y);
       const double bearing = board_bearing(pose, view);
       largest = std::max(largest, bearing);
       if (bearing > limit || range < view.min_range || range > view.max_range) return false;
       if (driven >= span) break;
       // The bearing changes by no more than the heading plus the camera's own sideways motion over the distance.
       const double speed = std::sqrt(1.0 + curvature * curvature * view.camera_ahead * view.camera_ahead);
-      const double nearest = std::max(std::abs(x), 0.05);
+      const double nearest = std::max(std::abs(camera.x), 0.05);
       const double rate = curvature + 2.0 * speed / nearest;
       const double room = std::min(limit - bearing, 0.5);
       const double gap = std::min(range - view.min_range, view.max_range - range) / speed;

@@ -13,9 +13,9 @@
 
 namespace tagdock {
 
-/// What the camera must keep in view on the whole way: the board in the station frame stands at the origin, its face
-/// along y, seen from negative x.
+/// What the camera must keep in view on the whole way.
 struct ViewWish {
+  Pose2 T_station_board;                   ///< foot of the board, x into the wall: by definition the station's origin
   double horizontal_view = radians(55.0);  ///< full angle of the lens [rad]
   double margin = radians(1.0);            ///< kept free at both sides of the image [rad]
   double camera_ahead = 0.35;              ///< camera before the axle, looking forward [m]

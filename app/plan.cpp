@@ -1,0 +1,501 @@
+// Verb: poses -> plan, or why there is none; draws it.
+#include <cerrno>
+#include <charconv>
+#include <chrono>
+#include <cstdio>
+#include <cstdlib>
+#include <cstring>
+#include <fstream>
+#include <iostream>
+#include <limits>
+#include <memory>
+#include <sstream>
+#include <vector>
+
+#include <nlohmann/json.hpp>
+
+#include "app/failure.h"
+#include "app/plan_picture.h"
+#include "app/verbs.h"
+#include "planning/docking_plan.h"
+
+namespace tagdock {
+namespace {
+
+using nlohmann::json;
+
+constexpr const char* csv_header = "id,time_ns,status,sx,sy,sth,gx,gy,gth,length,curv_start,curv_end\n";
+
+enum class Mode { forward, dubins, reeds_shepp };
+
+/// The command line as it was given.
+struct PlanArguments {
+  std::string from, to, batch, output, svg, board;
+  double max_curvature = TurnLimits{}.max_curvature;
+  double max_sharpness = TurnLimits{}.max_sharpness;
+  double initial_straight = 0.0;
+  double final_straight = 0.0;
+  double softness = 0.0;
+  std::string mode = "forward";
+  std::string as = "clothoids";
+  int arc_steps = 0;
+  double arc_deviation = 0.0;
+  double arc_curvature_step = 0.0;
+  double view_deg = 0.0;
+  double camera_ahead = ViewWish{}.camera_ahead;
+  double board_width = 2.0 * ViewWish{}.board_half_width;
+  bool as_json = false;
+  bool explain = false;
+};
+
+struct Query {
+  std::string id;
+  Pose2 start;
+  Pose2 goal;
+  TurnLimits limits;
+};
+
+struct Answer {
+  DockingPlanResult result;
+  long long time_ns = 0;
+};
+
+std::string_view trimmed(std::string_view text) {
+  const auto blank = [](char c) { return c == ' ' || c == '\t' || c == '\r'; };
+  while (!text.empty() && blank(text.front())) text.remove_prefix(1);
+  while (!text.empty() && blank(text.back())) text.remove_suffix(1);
+  return text;
+}
+
+/// A number as written; what overflows becomes infinite and what underflows zero, so that it is refused by its value.
+std::optional<double> parsed(std::string_view text) {
+  text = trimmed(text);
+  if (!text.empty() && text.front() == '+') text.remove_prefix(1);
+  double value = 0.0;
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
+  if (text.empty() || end != text.data() + text.size()) return std::nullopt;
+  if (error == std::errc::result_out_of_range) return std::strtod(std::string(text).c_str(), nullptr);
+  if (error != std::errc{}) return std::nullopt;
+  return value;
+}
+
+std::vector<std::string_view> split(std::string_view line) {
+  std::vector<std::string_view> fields;
+  for (;;) {
+    const std::size_t comma = line.find(',');
+    fields.push_back(trimmed(line.substr(0, comma)));
+    if (comma == std::string_view::npos) return fields;
+    line.remove_prefix(comma + 1);
+  }
+}
+
+/// "X,Y,YAW_DEG" of an option.
+Pose2 pose_option(const std::string& text, const char* option) {
+  const auto fields = split(text);
+  Pose2 pose;
+  const std::array<double*, 3> into = {&pose.x, &pose.y, &pose.yaw};
+  for (std::size_t i = 0; i < 3; ++i) {
+    const std::optional<double> value = fields.size() == 3 ? parsed(fields[i]) : std::nullopt;
+    if (!value)
+      throw Failure(ExitCode::usage,
+                    std::string(option) + " is \"" + text + "\"; it must be three numbers X,Y,YAW_DEG");
+    *into[i] = *value;
+  }
+  pose.yaw = radians(pose.yaw);
+  return pose;
+}
+
+std::string exact(double value) {
+  char text[40];
+  std::snprintf(text, sizeof text, "%.17g", value);
+  return text;
+}
+
+std::string_view status(const DockingPlanResult& result) {
+  if (std::holds_alternative<DockingPlan>(result)) return "ok";
+  if (std::holds_alternative<AlreadyThere>(result)) return "already_there";
+  return word(std::get<PlanRefusal>(result).reason);
+}
+
+const Path* path_of(const DockingPlanResult& result) {
+  const auto* plan = std::get_if<DockingPlan>(&result);
+  return plan != nullptr ? &plan->path : nullptr;
+}
+
+// Curvature at a segment's end; rounding of length times sharpness may leave a trace of what is zero by construction.
+double printed_end_curvature(const Path& path, std::size_t index) {
+  const Segment& segment = path.segments[index];
+  const double next = index + 1 < path.segments.size() ? path.segments[index + 1].curvature : 0.0;
+  const double own = segment.end_curvature();
+  return std::abs(own - next) <= 4e-16 * (std::abs(segment.curvature) + std::abs(own)) ? next : own;
+}
+
+void write_csv(std::ostream& out, const Query& query, const Answer& answer) {
+  out << query.id << ',' << answer.time_ns << ',' << status(answer.result);
+  for (const double value :
+       {query.start.x, query.start.y, query.start.yaw, query.goal.x, query.goal.y, query.goal.yaw}) {
+    out << ',';
+    if (std::isfinite(value)) out << exact(value);
+  }
+  if (const Path* path = path_of(answer.result)) {
+    for (std::size_t i = 0; i < path->segments.size(); ++i) {
+      const Segment& segment = path->segments[i];
+      out << ',' << exact(segment.length) << ',' << exact(segment.curvature) << ',';
+      if (segment.sharpness != 0.0) out << exact(printed_end_curvature(*path, i));
+    }
+  }
+  out << '\n';
+}
+
+json json_pose(const Pose2& pose) { return {{"x", pose.x}, {"y", pose.y}, {"yaw", pose.yaw}}; }
+
+json as_json(const Query& query, const Answer& answer) {
+  json object{{"id", query.id},
+              {"time_ns", answer.time_ns},
+              {"status", std::string(status(answer.result))},
+              {"from", json_pose(query.start)},
+              {"to", json_pose(query.goal)}};
+  if (const auto* plan = std::get_if<DockingPlan>(&answer.result)) {
+    object["length"] = plan->length;
+    object["shortest"] = plan->shortest;
+    object["peak_curvature"] = plan->peak_curvature;
+    object["sharpness"] = plan->sharpness;
+    json segments = json::array();
+    for (std::size_t i = 0; i < plan->path.segments.size(); ++i) {
+      const Segment& segment = plan->path.segments[i];
+      segments.push_back(
+          {{"length", segment.length},
+           {"curv_start", segment.curvature},
+           {"curv_end", segment.sharpness != 0.0 ? printed_end_curvature(plan->path, i) : segment.curvature}});
+    }
+    object["segments"] = std::move(segments);
+    if (!plan->candidates.empty()) {
+      json words = json::array();
+      for (const Candidate& candidate : plan->candidates)
+        words.push_back({{"word", candidate.word.name()},
+                         {"length", candidate.word.length},
+                         {"cusps", candidate.word.cusps()},
+                         {"verdict", candidate.verdict}});
+      object["reeds_shepp"] = std::move(words);
+    }
+  } else if (const auto* refusal = std::get_if<PlanRefusal>(&answer.result)) {
+    object["sentence"] = refusal->sentence;
+    object["cure"] = refusal->cure;
+  }
+  return object;
+}
+
+void explain(std::ostream& out, const Query& query, const Answer& answer) {
+  char line[200];
+  const auto say = [&](const char* pattern, auto... values) {
+    std::snprintf(line, sizeof line, pattern, values...);
+    out << line;
+  };
+  if (const auto* refusal = std::get_if<PlanRefusal>(&answer.result)) {
+    out << "no plan (" << word(refusal->reason) << "): " << refusal->sentence << "\n";
+    if (!refusal->cure.empty()) out << "what would help: " << refusal->cure << "\n";
+    return;
+  }
+  const auto* plan = std::get_if<DockingPlan>(&answer.result);
+  if (plan == nullptr) {
+    out << "already there: start and goal are the same pose\n";
+    return;
+  }
+  say("planned in %.1f us: %.4f m in %zu segments, %d direction changes; shortest within the limits %.4f m\n",
+      1e-3 * static_cast<double>(answer.time_ns), plan->length, plan->path.segments.size(), cusps(plan->path),
+      plan->shortest);
+  say("largest curvature %.4f of %.4f 1/m, sharpness %.4f of %.4f 1/m2\n", plan->peak_curvature,
+      query.limits.max_curvature, plan->sharpness, query.limits.max_sharpness);
+  if (plan->largest_bearing > 0.0) say("board's edge at most %.2f deg from the axis\n", degrees(plan->largest_bearing));
+  const Pose2 end = between(query.goal, end_pose(plan->path));
+  say("ends %.2g m and %.2g rad beside the goal\n", std::hypot(end.x, end.y), std::abs(wrap_angle(end.yaw)));
+  say("%4s %10s %10s %10s %10s %10s %10s\n", "no", "length", "curvature", "to", "x", "y", "yaw_deg");
+  Pose2 pose = plan->path.start;
+  for (std::size_t i = 0; i < plan->path.segments.size(); ++i) {
+    const Segment& segment = plan->path.segments[i];
+    pose = pose_along(pose, segment, segment.length);
+    say("%4zu %10.4f %10.4f %10.4f %10.4f %10.4f %10.3f\n", i + 1, segment.length, segment.curvature,
+        printed_end_curvature(plan->path, i) * (segment.sharpness != 0.0) +
+            segment.curvature * (segment.sharpness == 0.0),
+        pose.x, pose.y, degrees(pose.yaw));
+  }
+  out << "Reeds-Shepp words at full curvature, to the end of the last turn:\n";
+  for (const Candidate& candidate : plan->candidates)
+    say("  %-12s %10.4f m  %s\n", candidate.word.name().c_str(), candidate.word.length, candidate.verdict.c_str());
+}
+
+/// Where the data goes: a file, or stdout.
+class Sink {
+ public:
+  explicit Sink(const std::string& file) : file_name_(file) {
+    if (file.empty()) return;
+    file_.open(file);
+    if (!file_) throw Failure(ExitCode::usage, "cannot write " + file + ": " + std::strerror(errno));
+  }
+  [[nodiscard]] std::ostream& stream() { return file_name_.empty() ? std::cout : file_; }
+  void finish() {
+    stream().flush();
+    if (!stream())
+      throw Failure(ExitCode::usage, "writing " + (file_name_.empty() ? "stdout" : file_name_) + " failed");
+  }
+
+ private:
+  std::string file_name_;
+  std::ofstream file_;
+};
+
+Answer answered(const Query& query, Mode mode, DockingPlanConfig config) {
+  config.limits = query.limits;
+  const auto begin = std::chrono::steady_clock::now();
+  Answer answer;
+  answer.result = mode == Mode::forward ? plan_docking(query.start, query.goal, config)
+                                        : plan_manoeuvre(query.start, query.goal, config,
+                                                         mode == Mode::dubins ? Driving::forward : Driving::both);
+  answer.time_ns =
+      std::chrono::duration_cast<std::chrono::nanoseconds>(std::chrono::steady_clock::now() - begin).count();
+  return answer;
+}
+
+/// Foot of the board: as given, or 1 m straight ahead of the goal.
+Pose2 board_of(const PlanArguments& arguments, const Pose2& goal) {
+  if (!arguments.board.empty()) return pose_option(arguments.board, "--board");
+  return goal * Pose2{1.0, 0.0, 0.0};
+}
+
+int plan_one(const PlanArguments& arguments, Mode mode, DockingPlanConfig config) {
+  Query query{"0", pose_option(arguments.from, "--from"), pose_option(arguments.to, "--to"), config.limits};
+  config.list_candidates = arguments.explain || arguments.as_json || !arguments.svg.empty();
+  const Pose2 board = board_of(arguments, query.goal);
+  if (config.view) config.view->T_station_board = board;
+  const Answer answer = answered(query, mode, config);
+
+  Sink sink(arguments.output);
+  if (arguments.as_json) {
+    sink.stream() << as_json(query, answer).dump(2) << '\n';
+  } else {
+    sink.stream() << csv_header;
+    write_csv(sink.stream(), query, answer);
+  }
+  sink.finish();
+  if (arguments.explain) explain(std::cerr, query, answer);
+  if (!arguments.svg.empty()) {
+    PlanScene scene{query.start, query.goal, board, query.limits, config.view.value_or(ViewWish{}), 0.4, 0.4, 0.6, {}};
+    char title[160] = "";
+    if (const auto* plan = std::get_if<DockingPlan>(&answer.result))
+      std::snprintf(title, sizeof title, "%s: %.3f m, %zu segments, curvature up to %.3f 1/m", arguments.mode.c_str(),
+                    plan->length, plan->path.segments.size(), plan->peak_curvature);
+    else
+      std::snprintf(title, sizeof title, "%s: %s", arguments.mode.c_str(), std::string(status(answer.result)).c_str());
+    scene.title = title;
+    Sink picture(arguments.svg);
+    picture.stream() << plan_picture(answer.result, scene);
+    picture.finish();
+  }
+  if (const auto* refusal = std::get_if<PlanRefusal>(&answer.result)) {
+    if (!arguments.explain)
+      std::cerr << "tagdock: no plan: " << refusal->sentence
+                << (refusal->cure.empty() ? "" : "; what would help: " + refusal->cure) << "\n";
+    const bool bad_question = refusal->reason == NoPlan::not_finite || refusal->reason == NoPlan::too_large ||
+                              refusal->reason == NoPlan::bad_limit;
+    return static_cast<int>(bad_question ? ExitCode::usage : ExitCode::failed);
+  }
+  return static_cast<int>(ExitCode::done);
+}
+
+/// Where the columns stand in a file of queries.
+struct Columns {
+  std::size_t id = 0;
+  std::array<std::size_t, 6> poses{};
+  std::optional<std::size_t> curvature, sharpness;
+};
+
+Columns columns_of(std::string_view header, const std::string& file) {
+  const auto names = split(header);
+  const auto find = [&](std::string_view name) -> std::optional<std::size_t> {
+    for (std::size_t i = 0; i < names.size(); ++i)
+      if (names[i] == name) return i;
+    return std::nullopt;
+  };
+  const auto need = [&](std::string_view name) {
+    const auto found = find(name);
+    if (!found)
+      throw Failure(ExitCode::usage, file + ", line 1: the column \"" + std::string(name) +
+                                         "\" is missing; queries have id,sx,sy,sth,gx,gy,gth,kappa_max,sigma_max");
+    return *found;
+  };
+  Columns columns;
+  columns.id = need("id");
+  const std::array<const char*, 6> pose_names = {"sx", "sy", "sth", "gx", "gy", "gth"};
+  for (std::size_t i = 0; i < 6; ++i) columns.poses[i] = need(pose_names[i]);
+  columns.curvature = find("kappa_max");
+  columns.sharpness = find("sigma_max");
+  return columns;
+}
+
+int plan_batch(const PlanArguments& arguments, Mode mode, DockingPlanConfig config) {
+  config.list_candidates = false;
+  std::ifstream in(arguments.batch);
+  if (!in) throw Failure(ExitCode::usage, "cannot read " + arguments.batch + ": " + std::strerror(errno));
+  std::string line;
+  if (!std::getline(in, line))
+    throw Failure(ExitCode::usage, arguments.batch + " is empty; its first line must name the columns");
+  if (line.starts_with("\xEF\xBB\xBF")) line.erase(0, 3);
+  const Columns columns = columns_of(line, arguments.batch);
+  Sink sink(arguments.output);
+  if (!arguments.as_json) sink.stream() << csv_header;
+  int number = 1;
+  bool malformed = false;
+  while (std::getline(in, line)) {
+    ++number;
+    if (trimmed(line).empty()) continue;
+    const auto fields = split(line);
+    Query query;
+    query.id = columns.id < fields.size() ? std::string(fields[columns.id]) : "";
+    query.limits = config.limits;
+    std::string fault;
+    const auto read = [&](std::size_t column, double& into, bool may_be_empty) {
+      if (!fault.empty()) return;
+      if (column < fields.size() && fields[column].empty() && may_be_empty) return;
+      const std::optional<double> value = column < fields.size() ? parsed(fields[column]) : std::nullopt;
+      if (value)
+        into = *value;
+      else
+        fault = "column " + std::to_string(column + 1) +
+                (column < fields.size() ? ": \"" + std::string(fields[column].substr(0, 40)) + "\" is not a number"
+                                        : " is missing");
+    };
+    read(columns.poses[0], query.start.x, false);
+    read(columns.poses[1], query.start.y, false);
+    read(columns.poses[2], query.start.yaw, false);
+    read(columns.poses[3], query.goal.x, false);
+    read(columns.poses[4], query.goal.y, false);
+    read(columns.poses[5], query.goal.yaw, false);
+    if (columns.curvature) read(*columns.curvature, query.limits.max_curvature, true);
+    if (columns.sharpness) read(*columns.sharpness, query.limits.max_sharpness, true);
+    if (!fault.empty()) {
+      malformed = true;
+      std::cerr << "tagdock: " << arguments.batch << ", line " << number << ", " << fault << "\n";
+      if (arguments.as_json)
+        sink.stream() << json{{"id", query.id}, {"time_ns", 0}, {"status", "malformed"}, {"sentence", fault}}.dump(
+                             -1, ' ', false, json::error_handler_t::replace)
+                      << '\n';
+      else
+        sink.stream() << query.id << ",0,malformed,,,,,,\n";
+      continue;
+    }
+    if (config.view) config.view->T_station_board = board_of(arguments, query.goal);
+    const Answer answer = answered(query, mode, config);
+    if (arguments.as_json)
+      sink.stream() << as_json(query, answer).dump(-1, ' ', false, json::error_handler_t::replace) << '\n';
+    else
+      write_csv(sink.stream(), query, answer);
+  }
+  sink.finish();
+  return static_cast<int>(malformed ? ExitCode::usage : ExitCode::done);
+}
+
+int run(const PlanArguments& arguments) {
+  const bool one = !arguments.from.empty() || !arguments.to.empty();
+  if (arguments.batch.empty() && (arguments.from.empty() || arguments.to.empty()))
+    throw Failure(ExitCode::usage, "give --from and --to, or --batch; see tagdock plan --help");
+  if (!arguments.batch.empty() && (one || !arguments.svg.empty() || arguments.explain))
+    throw Failure(ExitCode::usage, "--batch answers a file; --from, --to, --svg and --explain are for one plan");
+  if (arguments.as == "clothoids" &&
+      (arguments.arc_steps > 0 || arguments.arc_deviation > 0.0 || arguments.arc_curvature_step > 0.0))
+    throw Failure(ExitCode::usage, "--arc-steps, --arc-deviation and --arc-curvature-step need --as arcs");
+  for (const auto& [value, name] :
+       {std::pair{arguments.initial_straight, "--initial-straight"},
+        std::pair{arguments.final_straight, "--final-straight"}, std::pair{arguments.softness, "--softness"},
+        std::pair{arguments.arc_deviation, "--arc-deviation"},
+        std::pair{arguments.arc_curvature_step, "--arc-curvature-step"}, std::pair{arguments.view_deg, "--view-deg"},
+        std::pair{arguments.board_width, "--board-width"}}) {
+    if (!(value >= 0.0) || !std::isfinite(value))
+      throw Failure(ExitCode::usage,
+                    std::string(name) + " is " + exact(value) + "; it must be finite and not negative");
+  }
+  if (!(arguments.view_deg < 180.0) || !std::isfinite(arguments.camera_ahead))
+    throw Failure(ExitCode::usage, "--view-deg must be below 180 and --camera-ahead finite");
+  if (arguments.arc_steps < 0 || arguments.arc_steps > 1000)
+    throw Failure(ExitCode::usage, "--arc-steps is " + std::to_string(arguments.arc_steps) + "; it must be 1 to 1000");
+
+  DockingPlanConfig config;
+  config.limits = {arguments.max_curvature, arguments.max_sharpness};
+  config.straights = {arguments.initial_straight, arguments.final_straight};
+  config.arcs = arguments.as == "arcs";
+  config.arc_wish = {arguments.arc_steps, arguments.arc_deviation, arguments.arc_curvature_step};
+  if (arguments.arc_steps == 0 && arguments.arc_deviation == 0.0 && arguments.arc_curvature_step == 0.0)
+    config.arc_wish = DockingPlanConfig{}.arc_wish;
+  config.softness = arguments.softness;
+  if (arguments.view_deg > 0.0) {
+    config.view = ViewWish{};
+    config.view->horizontal_view = radians(arguments.view_deg);
+    config.view->camera_ahead = arguments.camera_ahead;
+    config.view->board_half_width = 0.5 * arguments.board_width;
+  }
+  const Mode mode = arguments.mode == "forward"  ? Mode::forward
+                    : arguments.mode == "dubins" ? Mode::dubins
+                                                 : Mode::reeds_shepp;
+  if (mode != Mode::forward && (arguments.final_straight > 0.0 || arguments.initial_straight > 0.0 || config.view))
+    throw Failure(ExitCode::usage, "--final-straight, --initial-straight and --view-deg need --mode forward");
+  return arguments.batch.empty() ? plan_one(arguments, mode, config) : plan_batch(arguments, mode, config);
+}
+
+}  // namespace
+
+void add_plan(CLI::App& program, Action& action) {
+  auto arguments = std::make_shared<PlanArguments>();
+  CLI::App* verb =
+      program.add_subcommand("plan", "Plan a path between two poses of the axle, or say why there is none.");
+  verb->add_option("--from", arguments->from, "start pose X,Y,YAW_DEG (m, degrees)");
+  verb->add_option("--to", arguments->to, "goal pose X,Y,YAW_DEG");
+  verb->add_option("--batch", arguments->batch, "CSV of queries: id,sx,sy,sth,gx,gy,gth,kappa_max,sigma_max (m, rad)");
+  verb->add_option("--output", arguments->output, "write the plans here instead of stdout");
+  verb->add_option("--max-curvature", arguments->max_curvature, "1/m")->capture_default_str();
+  verb->add_option("--max-sharpness", arguments->max_sharpness, "change of curvature per metre, 1/m2")
+      ->capture_default_str();
+  verb->add_option("--initial-straight", arguments->initial_straight, "least straight before the first turn, m")
+      ->capture_default_str();
+  verb->add_option("--final-straight", arguments->final_straight, "least straight run-in at the goal, m")
+      ->capture_default_str();
+  verb->add_option(
+          "--mode", arguments->mode,
+          "forward: no reverse, no loop, refuses what cannot be; dubins: forward with loops; reeds-shepp: also "
+          "in reverse")
+      ->capture_default_str()
+      ->check(CLI::IsMember({"forward", "dubins", "reeds-shepp"}));
+  verb->add_option("--as", arguments->as, "clothoids, or arcs of constant curvature")
+      ->capture_default_str()
+      ->check(CLI::IsMember({"clothoids", "arcs"}));
+  verb->add_option("--arc-steps", arguments->arc_steps, "arcs per ramp (5 if nothing is asked for)");
+  verb->add_option("--arc-deviation", arguments->arc_deviation, "largest distance from the clothoid path, m");
+  verb->add_option("--arc-curvature-step", arguments->arc_curvature_step,
+                   "largest jump of curvature between arcs, 1/m");
+  verb->add_option("--softness", arguments->softness,
+                   "how much longer than the shortest a softer path may be, as a fraction (mode forward)")
+      ->capture_default_str();
+  verb->add_option("--view-deg", arguments->view_deg, "keep the board within this horizontal view (mode forward)");
+  verb->add_option("--camera-ahead", arguments->camera_ahead, "camera before the axle, m")->capture_default_str();
+  verb->add_option("--board", arguments->board, "foot of the board X,Y,YAW_DEG (default: 1 m ahead of the goal)");
+  verb->add_option("--board-width", arguments->board_width, "m")->capture_default_str();
+  verb->add_option("--svg", arguments->svg, "draw the plan into this file");
+  verb->add_flag("--json", arguments->as_json, "JSON instead of CSV; one object a query");
+  verb->add_flag("--explain", arguments->explain, "say on stderr what was planned and every Reeds-Shepp word");
+  verb->footer(
+      "Output: id,time_ns,status,sx,sy,sth,gx,gy,gth, then length,curv_start,curv_end per segment (curv_end empty:\n"
+      "constant curvature). Length is negative in reverse; curvature is positive to the left for the direction the\n"
+      "robot faces, also in reverse; the heading changes by signed length times mean curvature. All curvatures at the\n"
+      "ends are zero. Status: ok; already_there (start and goal are the same pose to rounding, no segments); or\n"
+      "  no_room          no path within the limits without a loop (with what would cure it on stderr or in JSON)\n"
+      "  tag_out_of_view  every path within the limits loses the board\n"
+      "  not_exact        rounding at this scale spoils every solution\n"
+      "  not_finite       a pose or limit is NaN or infinite\n"
+      "  too_large        a coordinate above 1e12 m, a heading above 1e9 rad or a limit outside of 1e-12..1e12\n"
+      "  bad_limit        a limit is zero, negative or denormal\n"
+      "  malformed        the line of the batch is not numbers; also said on stderr, exit code 2 at the end\n"
+      "JSON: id, time_ns, status, from, to {x, y, yaw}; with a plan length, shortest, peak_curvature, sharpness,\n"
+      "segments [{length, curv_start, curv_end}], reeds_shepp [{word, length, cusps, verdict}]; else sentence, cure.\n"
+      "Exit code: 0 planned (batch: every line answered), 1 no plan, 2 bad question.");
+  verb->callback([arguments, &action] { action = [arguments] { return run(*arguments); }; });
+}
+
+}  // namespace tagdock
