@@ -10,6 +10,7 @@ int main(int argc, char** argv) {
   CLI::App program("Docks a mobile robot at its station with one camera and AprilTags.", "tagdock");
   program.require_subcommand(1);
   Action action;
+  add_detect(program, action);
   try {
     program.parse(argc, argv);
     return action();
