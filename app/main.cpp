@@ -11,6 +11,7 @@ int main(int argc, char** argv) {
   program.require_subcommand(1);
   Action action;
   add_plan(program, action);
+  add_detect(program, action);
   try {
     program.parse(argc, argv);
     return action();
