@@ -1,6 +1,7 @@
 // Dispatches to a verb, catches once, sets the exit code; nothing else.
 #include <exception>
 #include <iostream>
+#include <string>
 
 #include "app/failure.h"
 #include "app/verbs.h"
@@ -9,9 +10,13 @@ int main(int argc, char** argv) {
   using namespace tagdock;
   CLI::App program("Docks a mobile robot at its station with one camera and AprilTags.", "tagdock");
   program.require_subcommand(1);
+  program.set_version_flag("--version", std::string("tagdock " TAGDOCK_VERSION));
   Action action;
-  add_plan(program, action);
+  add_dock(program, action);
+  add_replay(program, action);
   add_detect(program, action);
+  add_plan(program, action);
+  add_doctor(program, action);
   try {
     program.parse(argc, argv);
     return action();

@@ -181,8 +181,7 @@ void draw_map(std::string& svg, const DockingPlan* plan, const PlanScene& scene,
     for (auto candidate = plan->candidates.rbegin(); candidate != plan->candidates.rend(); ++candidate) {
       const bool forward = candidate->verdict.starts_with("forward");
       map.line(svg, line_of(candidate->word.path(scene.start, scene.limits.max_curvature)),
-               forward ? "stroke='#7ba5d3' stroke-width='1.2'"
-                       : "stroke='#cccccc' stroke-width='0.8'");
+               forward ? "stroke='#7ba5d3' stroke-width='1.2'" : "stroke='#cccccc' stroke-width='0.8'");
     }
     constexpr int outlines = 9;
     for (int i = 1; i < outlines; ++i)

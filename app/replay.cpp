@@ -8,6 +8,7 @@
 
 #include <nlohmann/json.hpp>
 
+#include "app/camera_file.h"
 #include "app/failure.h"
 #include "app/rig_file.h"
 #include "app/session_replay.h"
@@ -42,7 +43,10 @@ int replay_session(const ReplayOptions& options) {
   Config config = head.config;
   if (!options.camera.empty()) config.rig.camera = CameraFile::load(options.camera).camera();
   if (!options.board.empty()) config.board = read_board(options.board);
-  if (!options.method.empty()) config.locator.method = required_method(options.method);
+  if (!options.method.empty() && !corner_method(options.method))
+    throw Failure(ExitCode::usage,
+                  "--method is " + options.method + "; it must be one of apriltag tanh filter erf best");
+  if (!options.method.empty()) config.locator.method = *corner_method(options.method);
   config = parse_config(to_yaml(config), "(configuration of this replay)");
 
   const auto begin = std::chrono::steady_clock::now();

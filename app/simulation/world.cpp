@@ -131,6 +131,11 @@ Pose2 World::T_station_base_at(nanoseconds time) const {
 }
 
 Rendering World::render(nanoseconds mid_exposure) const {
+  const TimedExposure timed = exposure_at(mid_exposure);
+  return renderer_.render(timed.exposure, timed.noise_seed);
+}
+
+TimedExposure World::exposure_at(nanoseconds mid_exposure) const {
   const std::uint64_t frame_key = static_cast<std::uint64_t>(mid_exposure.count());
   Draws draws(key_of(seed_, chassis_purpose, frame_key), 0);
   const ChassisScenario& chassis = scenario_.chassis;
@@ -151,7 +156,7 @@ Rendering World::render(nanoseconds mid_exposure) const {
     exposure.T_station_camera.push_back(in_space(T_station_base_at(mid_exposure + half * exposure.duration / 2)) *
                                         T_base_camera);
   if (light_changed_ && mid_exposure >= *light_changed_) exposure.light = scenario_.station.light_change;
-  return renderer_.render(exposure, key_of(seed_, noise_purpose, frame_key));
+  return {exposure, key_of(seed_, noise_purpose, frame_key)};
 }
 
 nanoseconds World::frame_period() const { return from_seconds(1.0 / scenario_.camera.frame_rate); }

@@ -20,6 +20,12 @@ Rig true_rig(const Rig& calibrated, const ResidualScenario& residuals, std::uint
 Board true_board(const Board& surveyed, const ResidualScenario& residuals, const StationScenario& station,
                  std::uint64_t seed);
 
+/// An exposure with the seed of its noise.
+struct TimedExposure {
+  Exposure exposure;
+  std::uint64_t noise_seed = 0;
+};
+
 /// The simulated robot in its room, seen by its camera. Only time that is handed in passes; there are no threads, and
 /// callers on several of them lock. The same scenario, seed and calls give the same numbers and bytes.
 class World {
@@ -41,6 +47,9 @@ class World {
   /// The image whose exposure has its middle at a session time within the last two seconds; up to 20 ms ahead of the
   /// world it is made with the motion going on as it is.
   [[nodiscard]] Rendering render(std::chrono::nanoseconds mid_exposure) const;
+  /// What `render` hands to the renderer, so that a thread can render without holding up the world.
+  [[nodiscard]] TimedExposure exposure_at(std::chrono::nanoseconds mid_exposure) const;
+  [[nodiscard]] const Renderer& renderer() const { return renderer_; }
 
   /// Time between frames.
   [[nodiscard]] std::chrono::nanoseconds frame_period() const;
