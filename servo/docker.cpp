@@ -80,9 +80,13 @@ void Docker::take_sighting(const Tick& tick, TickResult& result) {
     }
   }
 
-  // Notes on docking, 9: the board in fewer than 30 % of the frames over 5 s.
+  // Notes on docking, 9: the board in fewer than 30 % of the frames over 5 s, where it should be in view.
   constexpr std::size_t frames = 100;
   constexpr std::ptrdiff_t few = 30;
+  const Acquiring* acquiring = std::get_if<Acquiring>(&phase_);
+  const bool expected = std::holds_alternative<Servoing>(phase_) || std::holds_alternative<Fixing>(phase_) ||
+                        (acquiring != nullptr && acquiring->stage == Acquiring::Stage::standing);
+  if (!expected) return;
   seen_lately_.push_back(board != nullptr);
   if (seen_lately_.size() > frames) seen_lately_.pop_front();
   if (!tags_dirty_told_ && sighting_time_ && seen_lately_.size() == frames &&

@@ -26,9 +26,10 @@ std::string text(const char* format, Values... values) {
   return buffer.data();
 }
 
-LineTarget line_target(const DockingConfig& config) {
-  return {goal_of_axle(config), camera_point(config.rig).x, 0.5 * horizontal_view(config.rig.camera),
-          config.board_width};
+// The line to drive along: the dock's, or beside it by what the last attempt missed.
+LineTarget line_target(const Job& job, const DockingConfig& config) {
+  return {goal_of_axle(config) * Pose2{0.0, job.aim, 0.0}, camera_point(config.rig).x,
+          0.5 * horizontal_view(config.rig.camera), config.board_width};
 }
 
 double camera_distance(const Pose2& T_station_base, const DockingConfig& config) {
@@ -288,6 +289,30 @@ bool keeps_view(const Path& path, const DockingConfig& config) {
   return true;
 }
 
+// A path to an entry pose, with or without the wish to see the board all the way.
+std::variant<Path, std::string> path_to(const Pose2& start, const Pose2& entry, bool keep_view,
+                                        const DockingConfig& config) {
+  if (config.planner) {
+    std::variant<Path, std::string> answer = config.planner(start, entry);
+    const Path* path = std::get_if<Path>(&answer);
+    if (path != nullptr && keep_view && !keeps_view(*path, config)) return "on the path the board leaves the view";
+    return answer;
+  }
+  DockingPlanConfig wish = config.plan;
+  if (keep_view) {
+    wish.view = ViewWish{.horizontal_view = horizontal_view(config.rig.camera),
+                         .margin = config.entry.view_margin,
+                         .camera_ahead = camera_point(config.rig).x,
+                         .board_half_width = 0.0};
+  }
+  const DockingPlanResult answer = plan_docking(start, entry, wish);
+  if (const DockingPlan* plan = std::get_if<DockingPlan>(&answer)) return plan->path;
+  if (const PlanRefusal* refusal = std::get_if<PlanRefusal>(&answer)) {
+    return refusal->cure.empty() ? refusal->sentence : refusal->sentence + "; " + refusal->cure;
+  }
+  return Path{start, {}};
+}
+
 std::optional<Step> planned(const Validating& now, const Inputs& inputs, const DockingConfig& config,
                             std::string& refusal) {
   const Pose2 start = inputs.estimate->T_station_base;
@@ -304,7 +329,7 @@ std::optional<Step> planned(const Validating& now, const Inputs& inputs, const D
   };
   constexpr double nearer = 0.1;  // m, between the entries that are tried
   for (double run_in = config.entry.run_in; run_in > config.entry.min_run_in - 1e-9; run_in -= nearer) {
-    const std::variant<Path, std::string> answer = config.planner(start, goal * Pose2{-run_in, 0.0, 0.0});
+    const std::variant<Path, std::string> answer = path_to(start, goal * Pose2{-run_in, 0.0, 0.0}, false, config);
     if (const Path* path = std::get_if<Path>(&answer)) {
       if (keeps_view(*path, config)) {
         return to_follow(*path, false,
@@ -318,11 +343,12 @@ std::optional<Step> planned(const Validating& now, const Inputs& inputs, const D
   }
   if (!config.entry.blind_entry || now.job.attempts > 1) return std::nullopt;
   for (double run_in = config.entry.blind_run_in; run_in > 0.0; run_in -= nearer) {
-    const std::variant<Path, std::string> answer = config.planner(start, goal * Pose2{-run_in, 0.0, 0.0});
+    const std::variant<Path, std::string> answer = path_to(start, goal * Pose2{-run_in, 0.0, 0.0}, false, config);
     if (const Path* path = std::get_if<Path>(&answer)) {
       return to_follow(*path, true,
-                       text("path of %.2f m in %d segments without a run-in, then back off (%s)", length(*path),
-                            static_cast<int>(path->segments.size()), refusal.c_str()));
+                       text("path of %.2f m in %d segments; none with a run-in keeps the board in view, so back off "
+                            "at its end",
+                            length(*path), static_cast<int>(path->segments.size())));
     }
   }
   return std::nullopt;
@@ -341,7 +367,7 @@ Step step_validating(const Validating& now, const Inputs& inputs, const DockingC
     servoing.job = now.job;
     servoing.job.turn_allowed = false;
     servoing.since = inputs.now;
-    servoing.lateral_at_entry = T_goal_base.y;
+    servoing.lateral_at_entry = T_goal_base.y - now.job.aim;
     return {servoing, {}, "on the dock's line: " + entry.found};
   }
   std::string refusal = "no path was tried";
@@ -363,7 +389,7 @@ Step to_servo(const Following& now, const Inputs& inputs, const DockingConfig& c
   Servoing servoing;
   servoing.job = now.job;
   servoing.since = inputs.now;
-  servoing.lateral_at_entry = T_goal_base.y;
+  servoing.lateral_at_entry = T_goal_base.y - now.job.aim;
   return {servoing, inputs.last_command, entry.found};
 }
 
@@ -416,8 +442,9 @@ Step step_servoing(const Servoing& before, const Inputs& inputs, const DockingCo
   }
 
   now.travelled += std::abs(inputs.odometry.velocity.linear) * seconds(inputs.step);
-  const LineCommand line = follow_line(line_target(config), inputs.estimate->T_station_base, inputs.last_command,
-                                       inputs.odometry.velocity.linear, inputs.step, now.slow, config.line);
+  const LineCommand line =
+      follow_line(line_target(now.job, config), inputs.estimate->T_station_base, inputs.last_command,
+                  inputs.odometry.velocity.linear, inputs.step, now.slow, config.line);
   if (config.servo.law == ServoLaw::centering) {
     const double wanted = -config.dock_pose.x;
     if (!inputs.view) return {now, {}, {}};
@@ -485,7 +512,10 @@ Step step_fixing(const Fixing& before, const Inputs& inputs, const DockingConfig
                       std::abs(fix->error.y) + config.fix.sigmas * sigma.y() <= config.fix.tolerance_y &&
                       std::abs(fix->error.yaw) + config.fix.sigmas * sigma.z() <= config.fix.tolerance_yaw;
   if (inside) return {Docked{now.job, *fix}, {}, found};
-  return next_attempt(now.job, {Cause::outside_tolerance, "not surely within the tolerance: " + found}, inputs, config,
+  Job job = now.job;
+  const double miss = std::cos(config.dock_pose.yaw) * fix->error.y - std::sin(config.dock_pose.yaw) * fix->error.x;
+  job.aim = std::clamp(job.aim - config.back_off.learning * miss, -config.back_off.max_aim, config.back_off.max_aim);
+  return next_attempt(job, {Cause::outside_tolerance, "not surely within the tolerance: " + found}, inputs, config,
                       fix);
 }
 
@@ -497,7 +527,7 @@ Step step_backing_off(const BackingOff& before, const Inputs& inputs, const Dock
   if (inputs.now - now.since > config.back_off.timeout) return timed_out(now, inputs, config);
   if (!now.reached) {
     const LineCommand line =
-        back_along_line(line_target(config), inputs.estimate->T_station_base, config.back_off.camera_distance,
+        back_along_line(line_target(now.job, config), inputs.estimate->T_station_base, config.back_off.camera_distance,
                         inputs.last_command, inputs.odometry.velocity.linear, inputs.step, config.line);
     if (line.reached) now.reached = inputs.now;
     return {now, line.command, {}};
@@ -553,6 +583,13 @@ std::optional<Step> interrupted(const Active& now, const Inputs& inputs, const D
 
 }  // namespace
 
+DockingPlanConfig entry_plan() {
+  DockingPlanConfig plan;
+  plan.straights = {0.0, 0.0};
+  plan.list_candidates = false;
+  return plan;
+}
+
 void check(const DockingConfig& config) {
   check(config.gate);
   check(config.rig.camera);
@@ -581,14 +618,13 @@ void check(const DockingConfig& config) {
   require(config.back_off.camera_distance > -config.dock_pose.x,
           text("back_off.camera_distance is %g m; it must be farther than the dock, %g m",
                config.back_off.camera_distance, -config.dock_pose.x));
-  const LineTarget target = line_target(config);
+  const LineTarget target = line_target(Job{}, config);
   const double view = heading_limit(target, -config.dock_pose.x, config.line, true);
   require(
       view >= config.line.min_heading,
       text("at the docking pose the board of %g m fills the view so far that only %.1f degrees of heading are left; "
            "dock farther away or use a smaller board",
            config.board_width, degrees(view)));
-  require(static_cast<bool>(config.planner), "no planner is set");
 }
 
 Pose2 goal_of_axle(const DockingConfig& config) { return config.dock_pose * inverse(camera_point(config.rig)); }

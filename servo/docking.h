@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "calibration/rig.h"
+#include "planning/docking_plan.h"
 #include "planning/path.h"
 #include "servo/command_gate.h"
 #include "servo/line_following.h"
@@ -23,7 +24,8 @@ namespace tagdock {
 /// THE SPINE OF MOVING: step(phase, inputs, config) -> next phase, command. The paper's Fig. 2, extended (notes on
 /// docking, 9).
 
-/// Path of the axle from one pose to another, both in the station frame, or a sentence why there is none.
+/// Path of the axle from one pose to another, both in the station frame, or a sentence why there is none. For those who
+/// bring their own; plan_docking is what is used without.
 using Planner = std::function<std::variant<Path, std::string>(const Pose2& from, const Pose2& to)>;
 
 /// Which law drives the last part.
@@ -83,6 +85,10 @@ struct FixConfig {
 struct BackOffConfig {
   int retries = 2;
   double camera_distance = 2.5;  ///< m before the board
+  /// Share of the lateral miss that the next attempt aims against, and its largest value; the line law leaves a
+  /// constant offset under a constant disturbance (notes on docking, 5.3), which another attempt alone would repeat.
+  double learning = 1.0;
+  double max_aim = 0.015;  ///< m
   std::chrono::nanoseconds rest = std::chrono::milliseconds(600);
   std::chrono::nanoseconds timeout = std::chrono::seconds(60);
 };
@@ -94,6 +100,9 @@ struct RunInConfig {
   double max_bearing = 0.10;        ///< rad; the board must be straight ahead
   std::chrono::nanoseconds timeout = std::chrono::seconds(30);
 };
+
+/// Limits of the path to the entry pose: no straights of its own, since the run-in follows it.
+DockingPlanConfig entry_plan();
 
 struct DockingConfig {
   Rig rig = default_rig();          ///< Docker puts its own here
@@ -114,7 +123,9 @@ struct DockingConfig {
   BackOffConfig back_off;
   RunInConfig run_in;
   std::chrono::nanoseconds pause_timeout = std::chrono::minutes(10);
-  Planner planner;  ///< none: plan_docking of planning/docking_plan.h
+  /// For plan_docking; its view wish is made from the rig, the board and `entry`.
+  DockingPlanConfig plan = entry_plan();
+  Planner planner;  ///< instead of plan_docking
 };
 /// Throws std::invalid_argument with a sentence that names the setting.
 void check(const DockingConfig& config);
@@ -160,6 +171,9 @@ struct Job {
   std::optional<Reason> first_cause;  ///< of the first attempt that failed
   bool ran_in = false;                ///< the castors have had their straight run
   bool turn_allowed = true;           ///< in place; not any more once a path was driven
+  /// Beside the dock's line (left positive) where the next run aims [m]: what the last one missed by, against what
+  /// repeats itself (camera yaw, unequal wheels, a floor that pulls).
+  double aim = 0.0;
 };
 
 /// Turn until the board is in the middle, then stand and collect sightings.
