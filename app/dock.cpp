@@ -209,7 +209,7 @@ class Docking {
       }
       report.camera = health;
       over = outputs.docking.over;
-      if (!over) devices_.clock->sleep_until(outputs.docking.next_tick);
+      if (!over) devices_.clock->sleep_until(inputs.now + outputs.docking.next_tick);
     }
     report.last = loop_.docker().phase();
     const nanoseconds end = devices_.clock->now();
