@@ -424,6 +424,16 @@ std::vector<float> cloud_texture(std::uint64_t seed, int coarsest, double fall) 
   return texture;
 }
 
+const std::vector<float>& concrete() {
+  static const std::vector<float> texture = cloud_texture(11, 4, 0.72);
+  return texture;
+}
+
+const std::vector<float>& plaster() {
+  static const std::vector<float> texture = cloud_texture(12, 8, 0.62);
+  return texture;
+}
+
 float texel(const std::vector<float>& texture, float x, float y, float texels_per_metre) {
   const int column = static_cast<int>(x * texels_per_metre + 65536.0F) & (texture_size - 1);
   const int row = static_cast<int>(y * texels_per_metre + 65536.0F) & (texture_size - 1);
@@ -467,7 +477,6 @@ struct Renderer::Prepared {
   Polygon window;  ///< ideal plane: the image and a tenth around it
   int node_columns = 0, node_rows = 0;
   std::vector<Eigen::Vector3f> rays_camera;  ///< of the background's nodes, z = 1
-  std::vector<float> concrete, plaster;
   std::array<float, quantile_count> quantiles = normal_quantiles();
   std::vector<float> vignetting_x, vignetting_y;  ///< light lost, a sum of both
   std::array<std::uint8_t, 256 * 8> tone{};       ///< grey level by eighths of a linear level
@@ -490,8 +499,6 @@ struct Renderer::Prepared {
       const double curved = sensor.gamma == 1.0 ? level : 255.0 * std::pow(level / 255.0, 1.0 / sensor.gamma);
       tone[i] = static_cast<std::uint8_t>(std::clamp(std::lround(curved), 0L, 255L));
     }
-    concrete = cloud_texture(11, 4, 0.72);
-    plaster = cloud_texture(12, 8, 0.62);
   }
 
   void prepare_rays() {
@@ -765,7 +772,7 @@ struct Renderer::Prepared {
     const float half = 0.5F * static_cast<float>(scene.room.cabinet_width);
     const float top = static_cast<float>(scene.room.cabinet_height);
     float reflectance =
-        static_cast<float>(scene.room.cabinet) * (1.0F + 0.03F * texel(plaster, hit.y(), hit.z(), 300.0F));
+        static_cast<float>(scene.room.cabinet) * (1.0F + 0.03F * texel(plaster(), hit.y(), hit.z(), 300.0F));
     constexpr float rim = 0.012F;  // a rolled edge that catches the light
     reflectance *=
         1.35F - 0.35F * inside(hit.y(), -half + rim, half - rim, soft) * inside(hit.z(), 0.0F, top - rim, soft);
@@ -782,7 +789,7 @@ struct Renderer::Prepared {
 
   [[nodiscard]] float floor_light(const Eigen::Vector3f& hit, float soft_across, float soft_along) const {
     const Room& room = scene.room;
-    float reflectance = static_cast<float>(room.floor) * (1.0F + 0.09F * texel(concrete, hit.x(), hit.y(), 190.0F));
+    float reflectance = static_cast<float>(room.floor) * (1.0F + 0.09F * texel(concrete(), hit.x(), hit.y(), 190.0F));
     const float lane = inside(std::abs(hit.y()), 0.62F, 0.67F, soft_across) * inside(hit.x(), -4.6F, -0.5F, soft_along);
     reflectance += 0.85F * lane * (static_cast<float>(room.marking) - reflectance);
     constexpr float slab = 3.0F;     // m between joints
@@ -800,7 +807,7 @@ struct Renderer::Prepared {
     const Room& room = scene.room;
     const bool facing = std::abs(normal.x()) > 0.5F;
     const float across = facing ? hit.y() : hit.x();
-    float reflectance = static_cast<float>(room.wall) * (1.0F + 0.025F * texel(plaster, across, hit.z(), 170.0F));
+    float reflectance = static_cast<float>(room.wall) * (1.0F + 0.025F * texel(plaster(), across, hit.z(), 170.0F));
     reflectance *= 1.0F - 0.55F * inside(hit.z(), -1.0F, 0.10F, soft);  // skirting
     reflectance *= 1.0F - 0.2F * inside(hit.z(), 1.20F, 1.215F, soft);  // trunking along the wall
     constexpr float panel = 1.2F;                                       // m between joints

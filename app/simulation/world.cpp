@@ -99,7 +99,7 @@ World::World(const Scenario& scenario, const Rig& calibrated, const Board& surve
       rig_(true_rig(calibrated, scenario.residuals, seed)),
       board_(true_board(surveyed, scenario.residuals, scenario.station, seed)),
       physics_(scenario.start, scenario.drive, calibrated.T_base_camera.translation().x(), seed),
-      renderer_(scene_of(scenario, board_), rig_.camera, scenario.camera.sensor) {
+      scene_(scene_of(scenario, board_)) {
   history_.push_back({physics_.truth().time, physics_.truth().T_station_base});
 }
 
@@ -151,7 +151,8 @@ Rendering World::render(nanoseconds mid_exposure) const {
     exposure.T_station_camera.push_back(in_space(T_station_base_at(mid_exposure + half * exposure.duration / 2)) *
                                         T_base_camera);
   if (light_changed_ && mid_exposure >= *light_changed_) exposure.light = scenario_.station.light_change;
-  return renderer_.render(exposure, key_of(seed_, noise_purpose, frame_key));
+  if (renderer_ == nullptr) renderer_ = std::make_unique<const Renderer>(scene_, rig_.camera, scenario_.camera.sensor);
+  return renderer_->render(exposure, key_of(seed_, noise_purpose, frame_key));
 }
 
 nanoseconds World::frame_period() const { return from_seconds(1.0 / scenario_.camera.frame_rate); }

@@ -3,6 +3,7 @@
 #include <chrono>
 #include <cstdint>
 #include <deque>
+#include <memory>
 #include <optional>
 
 #include "app/simulation/renderer.h"
@@ -74,7 +75,9 @@ class World {
   Rig rig_;
   Board board_;
   RobotPhysics physics_;
-  Renderer renderer_;
+  Scene scene_;
+  mutable std::unique_ptr<const Renderer>
+      renderer_;  ///< made for the first image: a campaign without images needs none
   std::deque<Moment> history_;
   std::optional<std::chrono::nanoseconds> light_changed_;
 };
