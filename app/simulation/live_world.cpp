@@ -56,6 +56,7 @@ void LiveWorld::expose() {
     nanoseconds period{0};
     nanoseconds latency{0};
     bool lost = false;
+    const Renderer* renderer = nullptr;
     {
       const std::lock_guard lock(world_->mutex);
       World& world = world_->world;
@@ -64,11 +65,11 @@ void LiveWorld::expose() {
       period = world.frame_period();
       latency = world.latency_of(taken);
       lost = world.is_lost(taken);
+      renderer = &world.renderer();
     }
     const std::uint64_t number = taken++;
     if (!lost) {
-      // The renderer is never changed after birth, so the world stays free while it works.
-      ServedFrame frame{world_->world.renderer().render(exposure.exposure, exposure.noise_seed).gray, number,
+      ServedFrame frame{renderer->render(exposure.exposure, exposure.noise_seed).gray, number,
                         middle + camera_clock_ahead};
       const std::lock_guard lock(mutex_);
       pending_.push_back({std::move(frame), middle + latency});

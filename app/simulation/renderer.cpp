@@ -23,13 +23,13 @@ namespace {
 using Polygon = std::vector<Eigen::Vector2d>;
 using Quad = std::array<Eigen::Vector2d, 4>;
 
-constexpr double nearest_depth = 0.05;       // m; plates with a corner nearer than this are left out
-constexpr double sag_px = 2e-4;              // largest departure of a piece from its chord: 0.02 grey level
-constexpr double samples_per_path_px = 8.0;  // notes/detection.md section 12
-constexpr int most_motion_samples = 64;      // 8 px of path, far beyond what a tag survives
-constexpr int background_step = 2;           // background rays are this many pixels apart
-constexpr int texture_size = 512;            // texels, tiled
-constexpr int quantile_count = 4096;         // 12 random bits a pixel; reaches +-3.7 sigma
+constexpr double nearest_depth = 0.05;              // m; plates with a corner nearer than this are left out
+constexpr double sag_px = 2e-4;                     // largest departure of a piece from its chord: 0.02 grey level
+constexpr double gauss_node = 0.21132486540518713;  // (1 - 1/sqrt 3) / 2, of two points between 0 and 1
+constexpr int most_motion_intervals = 32;           // 30 px of path, beyond what a tag survives
+constexpr int background_step = 2;                  // background rays are this many pixels apart
+constexpr int texture_size = 512;                   // texels, tiled
+constexpr int quantile_count = 4096;                // 12 random bits a pixel; reaches +-3.7 sigma
 
 // ---- tags -----------------------------------------------------------------------------------------------------------
 
@@ -326,10 +326,9 @@ void add_chord(Patch& patch, const Spread& spread, const Eigen::Vector2d& from, 
   const Eigen::Vector2d along = to - from;
   if (along.y() == 0.0) return;  // the integral runs over dy
   const int intervals = std::max(1, static_cast<int>(std::ceil(along.cwiseAbs().maxCoeff() / spread.interval_px())));
-  constexpr double gauss = 0.21132486540518713;  // (1 - 1/sqrt 3) / 2
   const double point_weight = -weight * along.y() / (2.0 * intervals);
   for (int i = 0; i < intervals; ++i)
-    for (const double node : {gauss, 1.0 - gauss}) {
+    for (const double node : {gauss_node, 1.0 - gauss_node}) {
       const Eigen::Vector2d at = from + along * ((i + node) / intervals);
       add_point<N>(patch, spread, at.x(), at.y(), point_weight);
     }
@@ -425,6 +424,16 @@ std::vector<float> cloud_texture(std::uint64_t seed, int coarsest, double fall) 
   return texture;
 }
 
+const std::vector<float>& concrete() {
+  static const std::vector<float> texture = cloud_texture(11, 4, 0.72);
+  return texture;
+}
+
+const std::vector<float>& plaster() {
+  static const std::vector<float> texture = cloud_texture(12, 8, 0.62);
+  return texture;
+}
+
 float texel(const std::vector<float>& texture, float x, float y, float texels_per_metre) {
   const int column = static_cast<int>(x * texels_per_metre + 65536.0F) & (texture_size - 1);
   const int row = static_cast<int>(y * texels_per_metre + 65536.0F) & (texture_size - 1);
@@ -438,10 +447,23 @@ float illumination(const Lamp& lamp, const Eigen::Vector3f& place, const Eigen::
   return static_cast<float>(lamp.ambient) + static_cast<float>(lamp.strength) * facing / (squared * std::sqrt(squared));
 }
 
-/// 1 inside [low, high], falling to 0 over `soft` outside it.
-float inside(float value, float low, float high, float soft) {
-  const float outside = std::max(low - value, value - high);
-  return outside <= 0.0F ? 1.0F : std::max(0.0F, 1.0F - outside / soft);
+/// How much of a strip of width `soft` around a value lies in [low, high]: a border drawn without stairs.
+inline float inside(float value, float low, float high, float soft) {
+  const float deep = std::min(value - low, high - value) + 0.5F * soft;
+  if (deep <= 0.0F) return 0.0F;
+  return deep >= soft ? 1.0F : deep / soft;
+}
+
+/// Distance from the middle between two lines of a grid, negative before it.
+inline float from_middle(float value, float period) {
+  const float periods = value / period + 1000.0F;
+  return period * (periods - static_cast<float>(static_cast<int>(periods)) - 0.5F);
+}
+
+/// How much of a thin dark line one line of sight takes in.
+inline float thin_line(float from_line, float width, float soft) {
+  if (std::abs(from_line) > 0.5F * (width + std::max(width, soft))) return 0.0F;
+  return inside(from_line, -0.5F * width, 0.5F * width, std::max(width, soft)) * (soft > width ? width / soft : 1.0F);
 }
 
 }  // namespace
@@ -455,7 +477,6 @@ struct Renderer::Prepared {
   Polygon window;  ///< ideal plane: the image and a tenth around it
   int node_columns = 0, node_rows = 0;
   std::vector<Eigen::Vector3f> rays_camera;  ///< of the background's nodes, z = 1
-  std::vector<float> concrete, plaster;
   std::array<float, quantile_count> quantiles = normal_quantiles();
   std::vector<float> vignetting_x, vignetting_y;  ///< light lost, a sum of both
   std::array<std::uint8_t, 256 * 8> tone{};       ///< grey level by eighths of a linear level
@@ -478,8 +499,6 @@ struct Renderer::Prepared {
       const double curved = sensor.gamma == 1.0 ? level : 255.0 * std::pow(level / 255.0, 1.0 / sensor.gamma);
       tone[i] = static_cast<std::uint8_t>(std::clamp(std::lround(curved), 0L, 255L));
     }
-    concrete = cloud_texture(11, 4, 0.72);
-    plaster = cloud_texture(12, 8, 0.62);
   }
 
   void prepare_rays() {
@@ -615,9 +634,14 @@ struct Renderer::Prepared {
         }
         path_px = std::max(path_px, path);
       }
-    const int count = std::clamp(static_cast<int>(std::ceil(samples_per_path_px * path_px)), 1, most_motion_samples);
+    // At rest, or nearly: the mean over 0.06 px departs from its middle by 0.01 grey level.
+    if (path_px < 0.06) return {pose_at(exposure, 0.5)};
+    const int intervals =
+        std::clamp(static_cast<int>(std::ceil(path_px / (1.4 * sensor.psf_sigma_px))), 1, most_motion_intervals);
     std::vector<Eigen::Isometry3d> samples;
-    for (int i = 0; i < count; ++i) samples.push_back(pose_at(exposure, (i + 0.5) / count));
+    for (int i = 0; i < intervals; ++i)
+      for (const double node : {gauss_node, 1.0 - gauss_node})
+        samples.push_back(pose_at(exposure, (i + node) / intervals));
     return samples;
   }
 
@@ -739,88 +763,136 @@ struct Renderer::Prepared {
 
   // -- background
 
-  /// Light that comes from where a line of sight ends in the room.
-  [[nodiscard]] float room_light(const Eigen::Vector3f& lens, const Eigen::Vector3f& ray) const {
-    const Room& room = scene.room;
-    const float cabinet_x = static_cast<float>(room.cabinet_x);
-    const float cabinet_half = 0.5F * static_cast<float>(room.cabinet_width);
-    const float cabinet_height = static_cast<float>(room.cabinet_height);
-    const float wall_x = static_cast<float>(room.wall_x);
-    const auto lit = [&](const Eigen::Vector3f& place, const Eigen::Vector3f& normal, float reflectance) {
-      return reflectance * illumination(scene.lamp, place, normal);
-    };
-    // The cabinet: its front, then the side that faces the camera.
-    if (ray.x() > 0.0F && lens.x() < cabinet_x) {
-      const Eigen::Vector3f hit = lens + ray * ((cabinet_x - lens.x()) / ray.x());
-      if (std::abs(hit.y()) < cabinet_half && hit.z() > 0.06F && hit.z() < cabinet_height) {
-        float reflectance =
-            static_cast<float>(room.cabinet) * (1.0F + 0.03F * texel(plaster, hit.y(), hit.z(), 300.0F));
-        const float to_side = cabinet_half - std::abs(hit.y());
-        const float to_top = cabinet_height - hit.z();
-        if (to_side < 0.012F || to_top < 0.012F) reflectance *= 1.35F;  // rolled edge that catches the light
-        if (std::abs(hit.z() - 0.66F) < 0.004F) reflectance *= 0.45F;   // gap below the hood
-        if (hit.z() > 0.70F && hit.z() < 0.86F && std::abs(hit.y()) < 0.34F && std::fmod(hit.z(), 0.04F) < 0.016F)
-          reflectance *= 0.4F;  // louvres
-        // The plates keep the lamp off the sheet right behind them.
-        const float shade = inside(hit.y(), -0.27F, 0.27F, 0.05F) * inside(hit.z(), 0.22F, 0.44F, 0.05F);
-        return lit(hit, -Eigen::Vector3f::UnitX(), reflectance) * (1.0F - 0.35F * shade);
-      }
-      const float side = lens.y() > 0.0F ? cabinet_half : -cabinet_half;
-      if (std::abs(lens.y()) > cabinet_half && ray.y() * side < 0.0F) {
-        const Eigen::Vector3f at = lens + ray * ((side - lens.y()) / ray.y());
-        if (at.x() > cabinet_x && at.x() < wall_x && at.z() > 0.06F && at.z() < cabinet_height)
-          return lit(at, Eigen::Vector3f(0.0F, side > 0.0F ? 1.0F : -1.0F, 0.0F),
-                     0.8F * static_cast<float>(room.cabinet));
-      }
+  [[nodiscard]] float lit(const Eigen::Vector3f& place, const Eigen::Vector3f& normal, float reflectance) const {
+    return reflectance * illumination(scene.lamp, place, normal);
+  }
+
+  /// The station's housing. @param soft  what one line of sight stands for at that place [m]
+  [[nodiscard]] float cabinet_front_light(const Eigen::Vector3f& hit, float soft) const {
+    const float half = 0.5F * static_cast<float>(scene.room.cabinet_width);
+    const float top = static_cast<float>(scene.room.cabinet_height);
+    float reflectance =
+        static_cast<float>(scene.room.cabinet) * (1.0F + 0.03F * texel(plaster(), hit.y(), hit.z(), 300.0F));
+    constexpr float rim = 0.012F;  // a rolled edge that catches the light
+    reflectance *=
+        1.35F - 0.35F * inside(hit.y(), -half + rim, half - rim, soft) * inside(hit.z(), 0.0F, top - rim, soft);
+    reflectance *= 1.0F - 0.55F * inside(hit.z(), 0.657F, 0.663F, soft);  // gap below the hood
+    if (hit.z() > 0.69F && hit.z() < 0.87F) {                             // louvres
+      const float nearest = 0.04F * std::round((hit.z() - 0.70F) / 0.04F) + 0.70F;
+      reflectance *= 1.0F - 0.6F * inside(hit.z(), nearest - 0.008F, nearest + 0.008F, soft) *
+                                inside(hit.y(), -0.34F, 0.34F, soft);
     }
-    // The room from inside: the first of its walls, floor and ceiling along the ray.
+    // The plates keep the lamp off the sheet right behind them.
+    const float shade = inside(hit.y(), -0.29F, 0.29F, 0.08F) * inside(hit.z(), 0.20F, 0.45F, 0.08F);
+    return lit(hit, -Eigen::Vector3f::UnitX(), reflectance) * (1.0F - 0.35F * shade);
+  }
+
+  [[nodiscard]] float floor_light(const Eigen::Vector3f& hit, float soft_across, float soft_along) const {
+    const Room& room = scene.room;
+    float reflectance = static_cast<float>(room.floor) * (1.0F + 0.09F * texel(concrete(), hit.x(), hit.y(), 190.0F));
+    const float lane = inside(std::abs(hit.y()), 0.62F, 0.67F, soft_across) * inside(hit.x(), -4.6F, -0.5F, soft_along);
+    reflectance += 0.85F * lane * (static_cast<float>(room.marking) - reflectance);
+    constexpr float slab = 3.0F;     // m between joints
+    constexpr float joint = 0.008F;  // m
+    reflectance *= 1.0F - 0.4F * std::min(1.0F, thin_line(from_middle(hit.x(), slab), joint, soft_along) +
+                                                    thin_line(from_middle(hit.y() + 0.3F, slab), joint, soft_across));
+    // The shadow under and before the cabinet.
+    const float half = 0.5F * static_cast<float>(room.cabinet_width);
+    const float shade = inside(hit.x(), static_cast<float>(room.cabinet_x) - 0.15F, 9.0F, 0.30F) *
+                        inside(hit.y(), -half - 0.1F, half + 0.1F, 0.25F);
+    return lit(hit, Eigen::Vector3f::UnitZ(), reflectance) * (1.0F - 0.6F * shade);
+  }
+
+  [[nodiscard]] float wall_light(const Eigen::Vector3f& hit, const Eigen::Vector3f& normal, float soft) const {
+    const Room& room = scene.room;
+    const bool facing = std::abs(normal.x()) > 0.5F;
+    const float across = facing ? hit.y() : hit.x();
+    float reflectance = static_cast<float>(room.wall) * (1.0F + 0.025F * texel(plaster(), across, hit.z(), 170.0F));
+    reflectance *= 1.0F - 0.55F * inside(hit.z(), -1.0F, 0.10F, soft);  // skirting
+    reflectance *= 1.0F - 0.2F * inside(hit.z(), 1.20F, 1.215F, soft);  // trunking along the wall
+    constexpr float panel = 1.2F;                                       // m between joints
+    constexpr float joint = 0.008F;                                     // m
+    reflectance *= 1.0F - 0.18F * thin_line(from_middle(across, panel), joint, soft);
+    float light = lit(hit, normal, reflectance);
+    if (facing && normal.x() < 0.0F) {  // the cabinet's soft shadow
+      const float half = 0.5F * static_cast<float>(room.cabinet_width);
+      light *= 1.0F - 0.3F * inside(hit.y(), -half - 0.2F, half + 0.1F, 0.2F) *
+                          inside(hit.z(), -1.0F, static_cast<float>(room.cabinet_height) + 0.1F, 0.2F);
+    }
+    return light;
+  }
+
+  /// The room from inside, without the cabinet: walls, floor, ceiling.
+  [[nodiscard]] float shell_light(const Eigen::Vector3f& lens, const Eigen::Vector3f& ray, float node_angle) const {
+    const Room& room = scene.room;
     const auto until = [](float from, float along, float low, float high) {
       if (along > 0.0F) return (high - from) / along;
       return along < 0.0F ? (low - from) / along : 1e9F;
     };
     const float half_width = static_cast<float>(room.half_width);
-    const float at_x = until(lens.x(), ray.x(), static_cast<float>(room.back_x), wall_x);
+    const float at_x = until(lens.x(), ray.x(), static_cast<float>(room.back_x), static_cast<float>(room.wall_x));
     const float at_y = until(lens.y(), ray.y(), -half_width, half_width);
     const float at_z = until(lens.z(), ray.z(), 0.0F, static_cast<float>(room.height));
-    const float distance = std::min({at_x, at_y, at_z});
-    const Eigen::Vector3f hit = lens + ray * distance;
-    if (distance == at_z && ray.z() < 0.0F) {
-      float reflectance = static_cast<float>(room.floor) * (1.0F + 0.09F * texel(concrete, hit.x(), hit.y(), 190.0F));
-      const float footprint = 0.002F * distance;  // soft borders where one ray covers much
-      const float lane = inside(std::abs(hit.y()), 0.62F, 0.67F, footprint) * inside(hit.x(), -4.6F, -0.5F, footprint);
-      reflectance += lane * (static_cast<float>(room.marking) - reflectance) * 0.85F;
-      const float joint_x = std::abs(std::fmod(hit.x() + 60.9F, 3.0F) - 1.5F);
-      const float joint_y = std::abs(std::fmod(hit.y() + 61.2F, 3.0F) - 1.5F);
-      reflectance *=
-          1.0F -
-          0.4F * std::min(1.0F, inside(joint_x, 0.0F, 0.004F, footprint) + inside(joint_y, 0.0F, 0.004F, footprint)) *
-              std::min(1.0F, 0.006F / footprint);
-      // The shadow under and before the cabinet.
-      const float shade =
-          inside(hit.x(), cabinet_x - 0.02F, wall_x, 0.30F) * inside(hit.y(), -cabinet_half, cabinet_half, 0.25F);
-      return lit(hit, Eigen::Vector3f::UnitZ(), reflectance) * (1.0F - 0.6F * shade);
+    const float to_wall = std::min(at_x, at_y);
+    const Eigen::Vector3f on_wall = lens + ray * to_wall;
+    const float soft_wall = node_angle * to_wall;
+    // The share of this line of sight that meets a wall above the floor; the rest meets the floor.
+    const float wall_share = ray.z() < 0.0F ? std::clamp(0.5F + on_wall.z() / soft_wall, 0.0F, 1.0F) : 1.0F;
+    float light = 0.0F;
+    if (wall_share > 0.0F) {
+      const bool facing = at_x <= at_y;
+      const Eigen::Vector3f normal = facing ? Eigen::Vector3f(ray.x() > 0.0F ? -1.0F : 1.0F, 0.0F, 0.0F)
+                                            : Eigen::Vector3f(0.0F, ray.y() > 0.0F ? -1.0F : 1.0F, 0.0F);
+      light += wall_share * (ray.z() > 0.0F && at_z < to_wall
+                                 ? lit(lens + ray * at_z, -Eigen::Vector3f::UnitZ(), static_cast<float>(room.wall))
+                                 : wall_light(on_wall, normal, soft_wall));
     }
-    if (distance == at_z) return lit(hit, -Eigen::Vector3f::UnitZ(), static_cast<float>(room.wall));
-    const bool facing = distance == at_x;
-    const float across = facing ? hit.y() : hit.x();
-    float reflectance = static_cast<float>(room.wall) * (1.0F + 0.025F * texel(plaster, across, hit.z(), 170.0F));
-    if (hit.z() < 0.10F) reflectance *= 0.45F;                                            // skirting
-    if (hit.z() > 1.20F && hit.z() < 1.215F) reflectance *= 0.8F;                         // trunking along the wall
-    if (std::abs(std::fmod(across + 60.6F, 1.2F) - 0.6F) < 0.004F) reflectance *= 0.82F;  // joints of the panels
-    const Eigen::Vector3f normal = facing ? Eigen::Vector3f(ray.x() > 0.0F ? -1.0F : 1.0F, 0.0F, 0.0F)
-                                          : Eigen::Vector3f(0.0F, ray.y() > 0.0F ? -1.0F : 1.0F, 0.0F);
-    float light = lit(hit, normal, reflectance);
-    if (facing && ray.x() > 0.0F)  // the cabinet's soft shadow on the wall
-      light *= 1.0F - 0.3F * inside(hit.y(), -cabinet_half - 0.1F, cabinet_half, 0.2F) *
-                          inside(hit.z(), 0.0F, cabinet_height, 0.2F);
+    if (wall_share < 1.0F) {
+      const float to_floor = std::min(at_z, to_wall);
+      const float soft = node_angle * to_floor;
+      const float steepness = lens.z() / to_floor;  // sine of the angle to the floor, for rays with z = 1
+      light += (1.0F - wall_share) * floor_light(lens + ray * to_floor, soft, soft / std::max(0.02F, steepness));
+    }
     return light;
+  }
+
+  /// Light that comes from where a line of sight ends in the room.
+  [[nodiscard]] float room_light(const Eigen::Vector3f& lens, const Eigen::Vector3f& ray, float node_angle) const {
+    const Room& room = scene.room;
+    const float front = static_cast<float>(room.cabinet_x);
+    const float half = 0.5F * static_cast<float>(room.cabinet_width);
+    const float top = static_cast<float>(room.cabinet_height);
+    constexpr float bottom = 0.06F;  // m; it stands on feet
+    float share = 0.0F;
+    float light = 0.0F;
+    if (ray.x() > 0.0F && lens.x() < front) {
+      const float distance = (front - lens.x()) / ray.x();
+      const Eigen::Vector3f hit = lens + ray * distance;
+      const float soft = node_angle * distance;
+      share = inside(hit.y(), -half, half, soft) * inside(hit.z(), bottom, top, soft);
+      if (share > 0.0F) light = share * cabinet_front_light(hit, soft);
+    }
+    const float side = lens.y() > 0.0F ? half : -half;
+    if (share < 1.0F && std::abs(lens.y()) > half && ray.y() * side < 0.0F) {
+      const float distance = (side - lens.y()) / ray.y();
+      const Eigen::Vector3f hit = lens + ray * distance;
+      const float soft = node_angle * distance;
+      const float more = (1.0F - share) * inside(hit.z(), bottom, top, soft) *
+                         inside(hit.x(), front, static_cast<float>(room.wall_x), 1e-3F);
+      if (more > 0.0F)
+        light += more * lit(hit, Eigen::Vector3f(0.0F, side > 0.0F ? 1.0F : -1.0F, 0.0F),
+                            0.8F * static_cast<float>(room.cabinet));
+      share += more;
+    }
+    return share < 1.0F ? light + (1.0F - share) * shell_light(lens, ray, node_angle) : light;
   }
 
   [[nodiscard]] std::vector<float> background(const Eigen::Isometry3d& T_station_camera) const {
     const Eigen::Matrix3f rotation = T_station_camera.linear().cast<float>();
     const Eigen::Vector3f lens = T_station_camera.translation().cast<float>();
+    const float node_angle = 1.2F * background_step / static_cast<float>(camera.fx);
     std::vector<float> nodes(rays_camera.size());
-    for (std::size_t i = 0; i < nodes.size(); ++i) nodes[i] = room_light(lens, rotation * rays_camera[i]);
+    for (std::size_t i = 0; i < nodes.size(); ++i) nodes[i] = room_light(lens, rotation * rays_camera[i], node_angle);
     return nodes;
   }
 

@@ -99,7 +99,7 @@ World::World(const Scenario& scenario, const Rig& calibrated, const Board& surve
       rig_(true_rig(calibrated, scenario.residuals, seed)),
       board_(true_board(surveyed, scenario.residuals, scenario.station, seed)),
       physics_(scenario.start, scenario.drive, calibrated.T_base_camera.translation().x(), seed),
-      renderer_(scene_of(scenario, board_), rig_.camera, scenario.camera.sensor) {
+      scene_(scene_of(scenario, board_)) {
   history_.push_back({physics_.truth().time, physics_.truth().T_station_base});
 }
 
@@ -132,7 +132,12 @@ Pose2 World::T_station_base_at(nanoseconds time) const {
 
 Rendering World::render(nanoseconds mid_exposure) const {
   const TimedExposure timed = exposure_at(mid_exposure);
-  return renderer_.render(timed.exposure, timed.noise_seed);
+  return renderer().render(timed.exposure, timed.noise_seed);
+}
+
+const Renderer& World::renderer() const {
+  if (renderer_ == nullptr) renderer_ = std::make_unique<const Renderer>(scene_, rig_.camera, scenario_.camera.sensor);
+  return *renderer_;
 }
 
 TimedExposure World::exposure_at(nanoseconds mid_exposure) const {

@@ -3,6 +3,7 @@
 #include <chrono>
 #include <cstdint>
 #include <deque>
+#include <memory>
 #include <optional>
 
 #include "app/simulation/renderer.h"
@@ -49,7 +50,8 @@ class World {
   [[nodiscard]] Rendering render(std::chrono::nanoseconds mid_exposure) const;
   /// What `render` hands to the renderer, so that a thread can render without holding up the world.
   [[nodiscard]] TimedExposure exposure_at(std::chrono::nanoseconds mid_exposure) const;
-  [[nodiscard]] const Renderer& renderer() const { return renderer_; }
+  /// Made at the first call; it is never changed afterwards and may then be used without a lock.
+  [[nodiscard]] const Renderer& renderer() const;
 
   /// Time between frames.
   [[nodiscard]] std::chrono::nanoseconds frame_period() const;
@@ -83,7 +85,9 @@ class World {
   Rig rig_;
   Board board_;
   RobotPhysics physics_;
-  Renderer renderer_;
+  Scene scene_;
+  mutable std::unique_ptr<const Renderer>
+      renderer_;  ///< made for the first image: a campaign without images needs none
   std::deque<Moment> history_;
   std::optional<std::chrono::nanoseconds> light_changed_;
 };
