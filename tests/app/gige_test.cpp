@@ -15,6 +15,7 @@
 #include "app/cameras/receive_buffer.h"
 #include "app/failure.h"
 #include "app/simulation/gige_server.h"
+#include "tests/fakes/process.h"
 
 namespace tagdock {
 namespace {
@@ -387,6 +388,50 @@ TEST_CASE("where the receive buffer is small, a part of the picture comes, with 
       CHECK(equal(frame->frame.gray, whole(cv::Rect(320, 272, 640, 480))));
     }
   CHECK(good == 20);
+}
+
+TEST_CASE("a camera process that is killed or stopped is lost within 500 ms, and streams when it is back") {
+  auto server = std::make_unique<Process>(std::vector<std::string>{GIGE_PEER, "serve", "TD000007"});
+  REQUIRE(server->line() == "serving");
+  const auto camera = open_gige(at_home(), steady_clock::now());
+  REQUIRE(wait_for_frame(*camera, 2000ms));
+
+  server->kill();
+  CHECK(wait_until(500ms, [&] { return camera->health().state == "lost"; }));
+  server = std::make_unique<Process>(std::vector<std::string>{GIGE_PEER, "serve", "TD000007"});
+  REQUIRE(server->line() == "serving");
+  while (camera->newest(0ns)) {
+  }
+  CHECK(wait_for_frame(*camera, 2000ms));
+  CHECK(camera->health().reconnects == 1);
+
+  // Stopped, it keeps its sockets: nothing refuses our questions, they are just not answered.
+  server->signal(SIGSTOP);
+  CHECK(wait_until(500ms, [&] { return camera->health().state == "lost"; }));
+  while (camera->newest(0ns)) {
+  }
+  std::this_thread::sleep_for(300ms);
+  server->signal(SIGCONT);
+  // It still holds the control for the connection that was given up, for 3 s at most.
+  CHECK(wait_for_frame(*camera, 6000ms));
+  CHECK(camera->health().reconnects == 2);
+}
+
+TEST_CASE("after a client was killed the next one streams within 4 s") {
+  const GigeServerSettings served;
+  const auto start = steady_clock::now();
+  GigeServer server(served);
+  const Producer producer(server, served, start, 25.0);
+  {
+    Process client({GIGE_PEER, "watch", "127.0.0.1"});
+    REQUIRE(client.line() == "streaming");
+    client.kill();
+  }
+  const auto killed = steady_clock::now();
+  const auto camera = open_gige(at_home(), start);
+  CHECK(wait_for_frame(*camera, 2000ms));
+  // The lease of a dead controller is 3 s, and we ask again 3.2 s after we asked first.
+  CHECK(steady_clock::now() - killed < 4s);
 }
 
 }  // namespace
