@@ -12,7 +12,7 @@ namespace tagdock {
 
 /// What a camera has done so far.
 struct CameraHealth {
-  std::string state;              ///< one word: "streaming", "lost", ...
+  std::string state;              ///< one word: probing, opening, claiming, streaming, silent, lost, ended
   std::string reason;             ///< a sentence when the state is not good, with the next step for a person
   std::uint64_t received = 0;     ///< good frames
   std::uint64_t incomplete = 0;   ///< frames with missing packets or of the wrong size

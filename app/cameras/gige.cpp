@@ -28,7 +28,7 @@ using std::chrono::nanoseconds;
 using std::chrono::steady_clock;
 
 constexpr milliseconds pop_timeout{20};          // how soon the grab thread sees that it shall end
-constexpr milliseconds probe_timeout{75};        // an answer takes 0.2 ms; the rest is for a machine under load
+constexpr milliseconds probe_timeout{50};        // an answer takes 0.2 ms; the rest is for a machine under load
 constexpr milliseconds probe_period{50};         // while waiting for a camera
 constexpr milliseconds patience_at_start{1500};  // a simulated camera may be starting in another process
 constexpr milliseconds shortest_loss{250};       // 2.5 cm at 0.1 m/s
@@ -465,8 +465,8 @@ class GigeCamera : public Camera {
         ++incomplete_since_good_;
       }
       if (popped == Pop::good) {
-        hand_over(grabbed, now, connection->actual());
         if (now - last_good > loss) say("streaming");
+        hand_over(grabbed, now, connection->actual());
         last_good = quiet_since = now;
         unanswered = 0;
         started_again = false;

@@ -5,7 +5,6 @@
 #include <cctype>
 #include <cmath>
 #include <cstdint>
-#include <regex>
 #include <utility>
 
 #include <opencv2/imgcodecs.hpp>
@@ -74,12 +73,17 @@ std::vector<std::filesystem::path> sorted_pictures(const std::filesystem::path& 
 std::vector<std::filesystem::path> numbered_pictures(const std::string& pattern) {
   const std::filesystem::path path(pattern);
   const std::string name = path.filename().string();
-  std::smatch placeholder;
-  if (!std::regex_search(name, placeholder, std::regex("%(0([1-9]))?d")))
+  const std::size_t percent = name.find('%');
+  std::size_t letter = percent == std::string::npos ? name.size() : percent + 1;
+  std::size_t digits = 1;
+  if (letter + 1 < name.size() && name[letter] == '0' && digit(name[letter + 1])) {
+    digits = static_cast<std::size_t>(name[letter + 1] - '0');
+    letter += 2;
+  }
+  if (letter >= name.size() || name[letter] != 'd')
     throw Failure(ExitCode::usage, "the picture pattern " + pattern + " holds no number of the form %d or %04d");
-  const std::string before = placeholder.prefix();
-  const std::string after = placeholder.suffix();
-  const std::size_t digits = placeholder[2].matched ? std::stoul(placeholder[2].str()) : 1;
+  const std::string before = name.substr(0, percent);
+  const std::string after = name.substr(letter + 1);
 
   std::vector<std::pair<unsigned long, std::filesystem::path>> found;
   std::error_code error;

@@ -167,15 +167,18 @@ class GigeServer::Implementation {
                               ": stop it, or wait for it to end; no two can share an address";
     // Aravis' server says that it runs even when it could not have the port, so the port is asked before and after.
     if (gvcp_port_is_taken(address)) throw Failure(ExitCode::camera, taken);
-    client_.exposure_us = settings.exposure_us;
-    client_.gain = settings.gain;
-    client_.frame_rate = settings.frame_rate;
-    client_.region = cv::Rect(0, 0, settings.width, settings.height);
-
-    const MemoryFile genicam(description);
-    server_ = arv_gv_fake_camera_new_full(settings.address.c_str(), settings.serial.c_str(), genicam.path().c_str());
-    camera_ = arv_gv_fake_camera_get_fake_camera(server_);
-    write_registers();
+    {
+      // Aravis' thread reads all this in turn().
+      const std::lock_guard<std::mutex> lock(mutex_);
+      const MemoryFile genicam(description);
+      server_ = arv_gv_fake_camera_new_full(settings.address.c_str(), settings.serial.c_str(), genicam.path().c_str());
+      camera_ = arv_gv_fake_camera_get_fake_camera(server_);
+      client_.exposure_us = settings.exposure_us;
+      client_.gain = settings.gain;
+      client_.frame_rate = settings.frame_rate;
+      client_.region = cv::Rect(0, 0, settings.width, settings.height);
+      write_registers();
+    }
     arv_fake_camera_set_fill_pattern(camera_, &Implementation::fill, this);
     if (!arv_gv_fake_camera_is_running(server_)) {
       stop();
@@ -234,6 +237,7 @@ class GigeServer::Implementation {
         camera_, [](ArvBuffer*, void*, guint32, guint32, ArvPixelFormat) {}, nullptr);
     g_object_set(server_, "gvsp-lost-ratio", 1.0, nullptr);
     g_object_unref(server_);
+    const std::lock_guard<std::mutex> ended(mutex_);
     server_ = nullptr;
   }
 
@@ -266,8 +270,10 @@ class GigeServer::Implementation {
     ServedFrame frame;
     cv::Rect region;
     double lost_ratio = 1.0;
+    ArvGvFakeCamera* server = nullptr;
     {
       const std::lock_guard<std::mutex> lock(mutex_);
+      server = server_;
       last_turn_ = now;
       client_.exposure_us = read_double(camera_, exposure_register);
       client_.gain = read_double(camera_, gain_register);
@@ -290,7 +296,7 @@ class GigeServer::Implementation {
         }
       }
     }
-    g_object_set(server_, "gvsp-lost-ratio", lost_ratio, nullptr);
+    g_object_set(server, "gvsp-lost-ratio", lost_ratio, nullptr);
     if (frame.gray.empty()) return;
     constexpr std::uint64_t largest_id = 65535;  // 0 is no frame id, so they run from 1 to this
     arv_buffer_set_frame_id(buffer, frame.number % largest_id + 1);
