@@ -1,16 +1,37 @@
 #include "app/image_file.h"
 
+#include <fcntl.h>
 #include <fstream>
 #include <iterator>
+#include <unistd.h>
 #include <vector>
 
-#include <opencv2/core/utils/logger.hpp>
 #include <opencv2/imgcodecs.hpp>
 
 namespace tagdock {
 namespace {
 
 constexpr std::uintmax_t largest_file = std::uintmax_t{1} << 30;
+
+/// While one lives, nothing reaches stderr: libpng and OpenCV's readers print there what our own sentence says better.
+class Hush {
+ public:
+  Hush() : kept_(dup(STDERR_FILENO)) {
+    const int nowhere = open("/dev/null", O_WRONLY | O_CLOEXEC);
+    if (kept_ >= 0 && nowhere >= 0) dup2(nowhere, STDERR_FILENO);
+    if (nowhere >= 0) close(nowhere);
+  }
+  ~Hush() {
+    if (kept_ < 0) return;
+    dup2(kept_, STDERR_FILENO);
+    close(kept_);
+  }
+  Hush(const Hush&) = delete;
+  Hush& operator=(const Hush&) = delete;
+
+ private:
+  int kept_;
+};
 
 cv::Mat1b eight_bits(const cv::Mat1w& wide) {
   double brightest = 0.0;
@@ -34,9 +55,9 @@ std::variant<cv::Mat1b, std::string> read_grey(const std::filesystem::path& file
   const std::vector<char> bytes{std::istreambuf_iterator<char>(stream), std::istreambuf_iterator<char>()};
   if (!stream.good() && !stream.eof()) return name + ": cannot be read";
   if (bytes.empty()) return name + (stream.is_open() ? ": the file is empty" : ": cannot be opened");
-  cv::utils::logging::setLogLevel(cv::utils::logging::LOG_LEVEL_SILENT);  // our own sentence says what is wrong
   cv::Mat image;
   try {
+    const Hush hush;
     image = cv::imdecode(bytes, cv::IMREAD_GRAYSCALE | cv::IMREAD_ANYDEPTH | cv::IMREAD_IGNORE_ORIENTATION);
   } catch (const cv::Exception&) {
     return name + ": not an image that can be read";

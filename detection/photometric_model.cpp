@@ -283,14 +283,20 @@ bool TagImageModel::near_border(const TagPixel& pixel, double reach_px) const {
   return false;
 }
 
-bool TagImageModel::near_unknown(const Eigen::Vector2d& place, const Eigen::Vector2d& reach) const {
-  if (!((place.cwiseAbs() + reach).maxCoeff() < middle_)) return true;
-  const Eigen::Vector2i low = (place.array() + middle_ - reach.array()).floor().cast<int>();
-  const Eigen::Vector2i high = (place.array() + middle_ + reach.array()).floor().cast<int>();
-  for (int row = low.y(); row <= high.y(); ++row)
-    for (int column = low.x(); column <= high.x(); ++column)
-      if (pattern_.at(column, row) == TagPattern::unknown) return true;
-  return false;
+double TagImageModel::distance_from_unknown(const Eigen::Vector2d& place,
+                                            const Eigen::Vector2d& modules_per_pixel) const {
+  const int column = static_cast<int>(std::floor(place.x() + middle_));
+  const int row = static_cast<int>(std::floor(place.y() + middle_));
+  double nearest = 1e9;
+  for (int y = row - 1; y <= row + 1; ++y)
+    for (int x = column - 1; x <= column + 1; ++x) {
+      const bool inside = x >= 0 && y >= 0 && x < pattern_.cells && y < pattern_.cells;
+      if (inside && pattern_.at(x, y) != TagPattern::unknown) continue;
+      const double du = std::max({x - middle_ - place.x(), place.x() - (x + 1 - middle_), 0.0});
+      const double dv = std::max({y - middle_ - place.y(), place.y() - (y + 1 - middle_), 0.0});
+      nearest = std::min(nearest, std::hypot(du / modules_per_pixel.x(), dv / modules_per_pixel.y()));
+    }
+  return nearest;
 }
 
 }  // namespace tagdock

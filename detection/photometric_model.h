@@ -70,9 +70,11 @@ class TagImageModel {
   /// Is a black-white border within `reach_px` of the pixel?
   [[nodiscard]] bool near_border(const TagPixel& pixel, double reach_px) const;
 
-  /// Does an unknown cell, or what lies outside of the print, come within `reach` modules (along u, along v) of a
-  /// place of the tag?
-  [[nodiscard]] bool near_unknown(const Eigen::Vector2d& place, const Eigen::Vector2d& reach) const;
+  /// Distance of a place of the tag from the nearest unknown cell or from what lies outside of the print [px]; 1e9 if
+  /// that is more than a module away.
+  /// @param modules_per_pixel  how fast u and v change there
+  [[nodiscard]] double distance_from_unknown(const Eigen::Vector2d& place,
+                                             const Eigen::Vector2d& modules_per_pixel) const;
 
   [[nodiscard]] double half_border() const { return 0.5 * pattern_.border_cells; }
   [[nodiscard]] const TagPattern& pattern() const { return pattern_; }

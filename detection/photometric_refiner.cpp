@@ -9,6 +9,7 @@
 #include <Eigen/LU>
 
 #include "detection/lens_patch.h"
+#include "detection/normal_distribution.h"
 #include "detection/photometric_model.h"
 #include "detection/tag_pattern.h"
 
@@ -28,9 +29,10 @@ constexpr double most_blur = 36.0;
 
 struct Sample {
   TagPixel pixel;
-  bool edge = false;      ///< a border is near; others inform the levels only
-  double weight = 1.0;    ///< of robustness, 0 to 1
-  double variance = 1.0;  ///< of the pixel [grey levels^2]
+  bool edge = false;       ///< a border is near; others inform the levels only
+  double beyond_px = 1e9;  ///< distance from what is beyond the print, where anything may be
+  double weight = 1.0;     ///< of robustness, 0 to 1
+  double variance = 1.0;   ///< of the pixel [grey levels^2]
 };
 
 /// Twice the negative log likelihood of a pixel and its derivatives by the model's grey value.
@@ -109,6 +111,16 @@ bool plausible(const A::Vector& p) {
          xx * yy - p[A::blur_xy] * p[A::blur_xy] > least_blur * least_blur && std::abs(p[A::bleed]) < 0.35 &&
          p[A::tone] > 0.25 && p[A::tone] < 2.0;
 }
+
+/// Score above which a term is freed: chance alone passes it in 1 of 600 images.
+constexpr double score_threshold = 10.0;
+/// A freed term must stand this many of its sigmas from nothing.
+constexpr double significant = 3.0;
+/// The exponent of the tone curve and clipping imitate each other, and a small tag tells too little of either.
+constexpr double most_clipped_for_tone = 0.03;
+constexpr double least_side_for_tone = 30.0;
+/// Of ten thousand normal residuals the largest is 4; more than this is no noise [sigma].
+constexpr double largest_by_noise = 5.5;
 
 struct Solution {
   bool converged = false;
@@ -269,30 +281,32 @@ Eigen::Matrix2d tag_by_pixel(const A::Vector& p, const TagPixel& pixel, double s
   return by_place * bend / (w * side);
 }
 
+/// Pixels nearer to what is beyond the print, in sigmas of the blur, say nothing of the print.
+constexpr double least_from_unknown = 1.0;
+
 /// The pixels that the model explains: the print, and of what surrounds it only what the print's margin makes sure.
 std::vector<Sample> select(const cv::Mat1b& gray, const TagImageModel& model, const ImageFrame& frame, double blur,
                            const cv::Rect& region) {
   std::vector<Sample> samples;
   const A::Vector& p = model.appearance().value;
-  const double half = model.half_border();
+  const double limit = 0.5 * model.pattern().cells;
   int flats = 0;
   for (int row = region.y; row < region.y + region.height; ++row)
     for (int column = region.x; column < region.x + region.width; ++column) {
       TagPixel pixel = frame.pixel({column, row});
       if (!(p[6] * pixel.x + p[7] * pixel.y + 1.0 > 0.0)) continue;
       const Vector2 place = model.to_tag(pixel.x, pixel.y);
-      if (place.cwiseAbs().maxCoeff() > half + 4.0) continue;
+      if (place.cwiseAbs().maxCoeff() > limit) continue;
       const Eigen::Matrix2d slope = tag_by_pixel(p, pixel, frame.side);
       const Vector2 modules_per_pixel = slope.rowwise().norm();
-      // Keep off whatever is beyond the print by 2.2 sigma, but never keep less than 1.2 px of it.
-      const Vector2 reach =
-          (2.2 * blur * modules_per_pixel).cwiseMin((1.0 - 1.2 * modules_per_pixel.array()).matrix()).cwiseMax(0.1);
-      if (model.near_unknown(place, reach)) continue;
+      const double beyond_px = model.distance_from_unknown(place, modules_per_pixel);
+      if (beyond_px < least_from_unknown * blur) continue;
       pixel.grey = gray(row, column);
       pixel.column = column;
       pixel.row = row;
       Sample sample;
       sample.pixel = pixel;
+      sample.beyond_px = beyond_px;
       sample.edge = model.near_border(pixel, 3.6 * blur + 1.3);
       // One in eight pixels far from borders is plenty for the levels.
       if (!sample.edge && flats++ % 8 != 0) continue;
@@ -349,11 +363,137 @@ NoiseLevels noise_levels(const TagImageModel& model, const std::vector<Sample>& 
   return noise;
 }
 
-void set_variances(const TagImageModel& model, const NoiseLevels& noise, std::vector<Sample>& samples) {
+/// What varies a pixel: noise by the light, and whatever may shine in from beyond the print.
+/// Noise is interpolated where it arises, in linear light; the tone curve then stretches it.
+void set_variances(const TagImageModel& model, double side_px, std::vector<Sample>& samples) {
+  const NoiseLevels noise = noise_levels(model, samples);
+  const A::Vector& p = model.appearance().value;
+  const double exponent = p[A::tone];
+  const auto stretch = [&](double light) {  // d(grey)/d(light), squared
+    if (exponent == 1.0) return 1.0;
+    const double slope = exponent * std::pow(std::max(light, 0.5) / 255.0, exponent - 1.0);
+    return slope * slope;
+  };
+  const double white = std::max(noise.white - rounding_variance, 0.0) / stretch(p[A::white]);
+  const double black = std::max(noise.black - rounding_variance, 0.0) / stretch(p[A::white] - p[A::drop]);
+  const double blur = std::sqrt(0.5 * (p[A::blur_xx] + p[A::blur_yy]));
   for (Sample& sample : samples) {
-    const double share = std::clamp(model.at(sample.pixel).whiteness, 0.0, 1.0);
-    sample.variance = noise.black + share * (noise.white - noise.black);
+    const ModelledPixel at = model.at(sample.pixel);
+    const double share = std::clamp(at.whiteness, 0.0, 1.0);
+    sample.variance = (black + share * (white - black)) * stretch(at.light) + rounding_variance;
+    if (sample.beyond_px < 5.0 * blur) {
+      // What lies beyond may differ from the margin by half the contrast, and is alike along a side: as many pixels as
+      // a side has err together, so each must count for that many times less.
+      const double leak = 0.5 * p[A::drop] * std::sqrt(stretch(at.light)) * normal(-sample.beyond_px / blur).cumulative;
+      sample.variance += side_px * leak * leak;
+    }
   }
+}
+
+/// Statistic of the score test of one parameter that is not free: about 1 when the parameter has no part in the image.
+double score(const Equations& at, const Free& free, int parameter, double inflation) {
+  const auto n = static_cast<Eigen::Index>(free.size());
+  Eigen::MatrixXd h(n, n);
+  Eigen::VectorXd column(n);
+  Eigen::VectorXd gradient(n);
+  for (Eigen::Index i = 0; i < n; ++i) {
+    const int fi = free[static_cast<std::size_t>(i)];
+    column[i] = at.hessian(fi, parameter);
+    gradient[i] = at.gradient[fi];
+    for (Eigen::Index j = 0; j < n; ++j) h(i, j) = at.hessian(fi, free[static_cast<std::size_t>(j)]);
+  }
+  const Eigen::VectorXd solved = h.ldlt().solve(column);
+  const double information = at.hessian(parameter, parameter) - column.dot(solved);
+  const double slope = at.gradient[parameter] - gradient.dot(solved);
+  return information > 1e-9 * at.hessian(parameter, parameter) ? slope * slope / information / inflation : 0.0;
+}
+
+/// Standard deviation of a free parameter by the normal equations.
+double deviation(const Equations& at, const Free& free, int parameter) {
+  const auto n = static_cast<Eigen::Index>(free.size());
+  Eigen::MatrixXd h(n, n);
+  Eigen::VectorXd unit = Eigen::VectorXd::Zero(n);
+  for (Eigen::Index i = 0; i < n; ++i) {
+    if (free[static_cast<std::size_t>(i)] == parameter) unit[i] = 1.0;
+    for (Eigen::Index j = 0; j < n; ++j)
+      h(i, j) = at.hessian(free[static_cast<std::size_t>(i)], free[static_cast<std::size_t>(j)]);
+  }
+  return std::sqrt(std::max(unit.dot(h.ldlt().solve(unit)), 0.0));
+}
+
+/// How well the model explains the pixels that count.
+struct Quality {
+  double chi2_per_pixel = 0.0;
+  double rms = 0.0;
+  double clipped = 0.0;   ///< share of pixels at an end of the range
+  double rejected = 0.0;  ///< share of edge pixels that the robust weights threw out
+  double largest = 0.0;   ///< residual [sigma]
+  double scale = 1.0;     ///< 1.4826 times the median residual of edge pixels [sigma]
+  int count = 0;
+};
+
+double residual_sigmas(const Sample& sample, double modelled) {
+  if (sample.pixel.grey >= highest_grey && modelled >= highest_grey) return 0.0;
+  if (sample.pixel.grey <= lowest_grey && modelled <= lowest_grey) return 0.0;
+  return (modelled - sample.pixel.grey) / std::sqrt(sample.variance);
+}
+
+Quality quality(const TagImageModel& model, const std::vector<Sample>& samples, std::size_t parameters) {
+  Quality result;
+  double weights = 0.0;
+  double chi2 = 0.0;
+  double squares = 0.0;
+  int clipped = 0;
+  int edges = 0;
+  int rejected = 0;
+  std::vector<double> sizes;
+  for (const Sample& sample : samples) {
+    const double residual = residual_sigmas(sample, model.at(sample.pixel).grey);
+    if (sample.edge) {
+      ++edges;
+      if (sample.weight < 0.05) ++rejected;
+      sizes.push_back(std::abs(residual));
+    }
+    if (sample.pixel.grey >= highest_grey || sample.pixel.grey <= lowest_grey) ++clipped;
+    if (sample.weight == 0.0) continue;
+    result.largest = std::max(result.largest, std::abs(residual));
+    chi2 += sample.weight * residual * residual;
+    squares += sample.weight * residual * residual * sample.variance;
+    weights += sample.weight;
+    ++result.count;
+  }
+  result.chi2_per_pixel = chi2 / std::max(weights - static_cast<double>(parameters), 1.0);
+  result.rms = std::sqrt(squares / std::max(weights, 1.0));
+  result.clipped = static_cast<double>(clipped) / static_cast<double>(std::max<std::size_t>(samples.size(), 1));
+  result.rejected = static_cast<double>(rejected) / std::max(edges, 1);
+  if (!sizes.empty()) result.scale = 1.4826 * quantile(sizes, 0.5);
+  return result;
+}
+
+/// Tukey's weights; a patch of rejected pixels is something in front of the tag, and goes with its rim.
+void weigh(const TagImageModel& model, const cv::Rect& region, double scale, double cut, std::vector<Sample>& samples) {
+  cv::Mat1b rejected(region.height + 2, region.width + 2, static_cast<unsigned char>(0));
+  const auto mark = [&](const Sample& sample) -> unsigned char& {
+    return rejected(sample.pixel.row - region.y + 1, sample.pixel.column - region.x + 1);
+  };
+  for (Sample& sample : samples) {
+    const double size = residual_sigmas(sample, model.at(sample.pixel).grey) / (cut * scale);
+    const double rest = std::max(0.0, 1.0 - size * size);
+    sample.weight = rest * rest;
+    if (rest == 0.0) mark(sample) = 1;
+  }
+  const auto neighbours = [&](const Sample& sample, int value) {
+    int count = 0;
+    for (int dy = 0; dy <= 2; ++dy)
+      for (int dx = 0; dx <= 2; ++dx)
+        count += rejected(sample.pixel.row - region.y + dy, sample.pixel.column - region.x + dx) >= value;
+    return count;
+  };
+  // Three of nine together are no accident of noise.
+  for (const Sample& sample : samples)
+    if (mark(sample) == 1 && neighbours(sample, 1) >= 3) mark(sample) = 2;
+  for (Sample& sample : samples)
+    if (neighbours(sample, 2) > 0) sample.weight = 0.0;
 }
 
 }  // namespace
@@ -422,12 +562,69 @@ Refinement refine_photometric(const cv::Mat1b& gray, const std::string& family, 
   appearance.value[A::drop] = appearance.value[A::white] - quantile(blacks, 0.25);
   model.set(appearance);
 
-  const Free free = free_parameters(false, false);
+  // Everything but ink spread and tone curve first.
+  Free free = free_parameters(false, false);
   Solution solution = solve(model, samples, free, config.max_iterations);
   if (!std::isfinite(solution.at.cost)) return Unrefined::did_not_converge;
-  set_variances(model, noise_levels(model, samples), samples);
+  const auto refit = [&] {
+    solution = solve(model, samples, free, config.max_iterations);
+    set_variances(model, side_px, samples);
+    solution = solve(model, samples, free, config.max_iterations);
+  };
+  set_variances(model, side_px, samples);
   solution = solve(model, samples, free, config.max_iterations);
+
+  // Which further terms the image asks for: by score tests, which need no refit (notes on detection, section 9).
+  bool bleed = false;
+  bool tone = false;
+  bool robust = false;
+  const auto ask = [&] {
+    for (int round = 0; round < 2; ++round) {
+      const Quality now = quality(model, samples, free.size());
+      const double inflation = std::max(1.0, now.chi2_per_pixel);
+      const bool tone_allowed = now.clipped < most_clipped_for_tone && side_px > least_side_for_tone;
+      const double bleed_score = bleed ? 0.0 : score(solution.at, free, A::bleed, inflation);
+      const double tone_score = tone || !tone_allowed ? 0.0 : score(solution.at, free, A::tone, inflation);
+      if (std::max(bleed_score, tone_score) < score_threshold) return;
+      (bleed_score > tone_score ? bleed : tone) = true;
+      free = free_parameters(bleed, tone);
+      refit();
+    }
+  };
+  // A term that turns out to be within its uncertainty of nothing is taken out again.
+  const auto forgo = [&] {
+    const double inflation = std::sqrt(std::max(1.0, quality(model, samples, free.size()).chi2_per_pixel));
+    TagAppearance plain = model.appearance();
+    const bool no_bleed =
+        bleed && std::abs(plain.value[A::bleed]) < significant * inflation * deviation(solution.at, free, A::bleed);
+    const bool no_tone =
+        tone && std::abs(plain.value[A::tone] - 1.0) < significant * inflation * deviation(solution.at, free, A::tone);
+    if (!no_bleed && !no_tone) return;
+    if (no_bleed) plain.value[A::bleed] = 0.0;
+    if (no_tone) plain.value[A::tone] = 1.0;
+    bleed = bleed && !no_bleed;
+    tone = tone && !no_tone;
+    free = free_parameters(bleed, tone);
+    model.set(plain);
+    refit();
+  };
+  ask();
+  Quality fit = quality(model, samples, free.size());
+  if (fit.largest > largest_by_noise || fit.chi2_per_pixel > 1.0 + 6.0 * std::sqrt(2.0 / fit.count)) {
+    robust = true;
+    for (const double cut : {5.0, 4.5}) {
+      weigh(model, region, std::max(1.0, fit.scale), cut, samples);
+      refit();
+      fit = quality(model, samples, free.size());
+    }
+    forgo();
+    ask();
+    weigh(model, region, std::max(1.0, quality(model, samples, free.size()).scale), 4.5, samples);
+    refit();
+  }
+  forgo();
   if (!solution.converged) return Unrefined::did_not_converge;
+  fit = quality(model, samples, free.size());
 
   // Corners, and how they follow the homography.
   const A::Vector& p = model.appearance().value;
@@ -467,31 +664,29 @@ Refinement refine_photometric(const cv::Mat1b& gray, const std::string& family, 
   if (factor.info() != Eigen::Success) return Unrefined::did_not_converge;
   const Eigen::MatrixXd gain = factor.solve(corner_by_free.transpose()).transpose();  // corners per unit of gradient
   Eigen::Matrix<double, 8, 8> covariance = Eigen::Matrix<double, 8, 8>::Zero();
-  double chi2 = 0.0;
-  double squares = 0.0;
-  int count = 0;
   for (const Sample& sample : samples) {
     if (sample.weight == 0.0) continue;
     const ModelledPixel at = model.at(sample.pixel);
-    const Misfit fit = misfit(at.grey, sample.pixel.grey, sample.variance);
+    const Misfit part = misfit(at.grey, sample.pixel.grey, sample.variance);
     Eigen::VectorXd by(n);
     for (Eigen::Index i = 0; i < n; ++i) by[i] = at.by[free[static_cast<std::size_t>(i)]];
-    const Eigen::Matrix<double, 8, 1> pull = gain * by * (sample.weight * fit.slope);
+    const Eigen::Matrix<double, 8, 1> pull = gain * by * (sample.weight * part.slope);
     covariance += pull * pull.transpose();
-    const double residual = std::clamp(at.grey, 0.0, 255.0) - sample.pixel.grey;
-    chi2 += sample.weight * residual * residual / sample.variance;
-    squares += residual * residual;
-    ++count;
   }
-  if (count <= n) return Unrefined::too_few_pixels;
+  if (fit.count <= n) return Unrefined::too_few_pixels;
   refined.id = coarse.id;
   refined.hamming = coarse.hamming;
   refined.margin = coarse.margin;
   refined.covariance_px2 = covariance;
-  refined.residual_rms = std::sqrt(squares / count);
-  refined.chi2_per_pixel = chi2 / static_cast<double>(count - n);
+  refined.residual_rms = fit.rms;
+  refined.chi2_per_pixel = fit.chi2_per_pixel;
   refined.blur_px = std::sqrt(0.5 * (p[A::blur_xx] + p[A::blur_yy]));
   refined.terms = "homography+slope+blur";
+  if (camera) refined.terms += "+lens";
+  if (fit.clipped > 0.01) refined.terms += "+saturation";
+  if (bleed) refined.terms += "+bleed";
+  if (tone) refined.terms += "+tone";
+  if (robust) refined.terms += "+robust";
   return refined;
 }
 

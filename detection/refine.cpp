@@ -1,4 +1,5 @@
 #include <array>
+#include <cmath>
 #include <string>
 #include <utility>
 
@@ -30,6 +31,27 @@ RefinedTag as_detected(const TagDetection& coarse) {
   return tag;
 }
 
+double largest_sigma_px(const RefinedTag& tag) { return std::sqrt(tag.covariance_px2.diagonal().maxCoeff()); }
+
+/// The whole tag; or its sides, where the whole does not fit the model (a point-sampled picture, too few pixels) or is,
+/// by its own covariance, no finer than the library's corners and the sides are. The result's terms say which it was.
+/// Where an edge was left or the shape is wrong, the sides are no more to be trusted than the whole.
+Refinement refine_best(const cv::Mat1b& gray, const std::string& family, const TagDetection& coarse,
+                       const std::optional<CameraModel>& camera) {
+  Refinement whole = refine_photometric(gray, family, coarse, PhotometricConfig{}, camera);
+  const RefinedTag* fitted = std::get_if<RefinedTag>(&whole);
+  if (fitted != nullptr && largest_sigma_px(*fitted) <= library_corner_sigma_px) return whole;
+  if (const Unrefined* reason = std::get_if<Unrefined>(&whole))
+    if (*reason == Unrefined::left_the_edge || *reason == Unrefined::not_a_quadrilateral) return whole;
+  EdgeRefinerConfig edges;
+  edges.profile = EdgeProfile::erf;
+  Refinement sides = refine_edges(gray, coarse, edges, camera);
+  const RefinedTag* by_sides = std::get_if<RefinedTag>(&sides);
+  if (fitted != nullptr && (by_sides == nullptr || largest_sigma_px(*by_sides) > largest_sigma_px(*fitted)))
+    return whole;
+  return sides;
+}
+
 }  // namespace
 
 std::optional<CornerMethod> corner_method(const std::string& word) {
@@ -58,16 +80,8 @@ Refinement refine(const cv::Mat1b& gray, const std::string& family, const TagDet
     case CornerMethod::erf:
       edges.profile = EdgeProfile::erf;
       break;
-    case CornerMethod::best: {
-      // Where the whole tag does not fit the model (a point-sampled picture, too few pixels), its sides still may; the
-      // result's terms say so. Where an edge was left or the shape is wrong, they are no more to be trusted.
-      Refinement whole = refine_photometric(gray, family, coarse, PhotometricConfig{}, camera);
-      const Unrefined* reason = std::get_if<Unrefined>(&whole);
-      if (reason == nullptr || *reason == Unrefined::left_the_edge || *reason == Unrefined::not_a_quadrilateral)
-        return whole;
-      edges.profile = EdgeProfile::erf;
-      break;
-    }
+    case CornerMethod::best:
+      return refine_best(gray, family, coarse, camera);
   }
   return refine_edges(gray, coarse, edges, camera);
 }
