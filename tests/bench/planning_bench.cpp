@@ -66,14 +66,23 @@ const std::vector<Query>& random_queries() {
   return made;
 }
 
-void reeds_shepp(benchmark::State& state) {
+void reeds_shepp_shortest(benchmark::State& state) {
+  std::size_t i = 0;
+  for (auto _ : state) {
+    const Query& query = random_queries()[i++ % queries];
+    benchmark::DoNotOptimize(shortest_reeds_shepp(query.start, query.goal, 1.0));
+  }
+}
+BENCHMARK(reeds_shepp_shortest);
+
+void reeds_shepp_all_words(benchmark::State& state) {
   std::size_t i = 0;
   for (auto _ : state) {
     const Query& query = random_queries()[i++ % queries];
     benchmark::DoNotOptimize(reeds_shepp_words(query.start, query.goal, 1.0));
   }
 }
-BENCHMARK(reeds_shepp);
+BENCHMARK(reeds_shepp_all_words);
 
 void forward_path(benchmark::State& state) {
   const TurnShape shape({1.25, 2.5}, static_cast<int>(state.range(0)));
