@@ -159,6 +159,63 @@ std::optional<Path> path_in_view(const Planner& planner, double softest, double 
   return chosen;
 }
 
+/// The smallest view of a lens that would keep the board in the image, margin included [rad], from the ends of the
+/// segments of a coarse choice of paths: a path that needs less may exist, one that needs more was found.
+double smallest_view(const Planner& planner) {
+  const ViewWish& view = *planner.config.view;
+  constexpr int headings = 24;
+  double least = std::numbers::pi;
+  const TurnShape turn = planner.shape(planner.config.limits);
+  const ForwardFamily family(planner.seen, turn, planner.config.straights, planner.resolution);
+  Path path;
+  for (int j = -headings; j <= headings; ++j) {
+    const std::optional<ForwardPath> forward = family.at(0.5 * std::numbers::pi * j / headings);
+    if (!forward) continue;
+    write_path(planner.start, *forward, turn, path);
+    double largest = board_bearing(path.start, view);
+    Pose2 at = path.start;
+    for (const Segment& segment : path.segments) {
+      at = pose_along(at, segment, segment.length);
+      largest = std::max(largest, board_bearing(at, view));
+      if (largest > least) break;
+    }
+    least = std::min(least, largest);
+  }
+  return 2.0 * (least + view.margin);
+}
+
+PlanRefusal out_of_view(const Planner& planner) {
+  const ViewWish& view = *planner.config.view;
+  PlanRefusal refusal;
+  refusal.reason = NoPlan::tag_out_of_view;
+  const double at_goal = 2.0 * (board_bearing(planner.goal, view) + view.margin);
+  const double at_start = 2.0 * (board_bearing(planner.start, view) + view.margin);
+  const double has = view.horizontal_view;
+  const auto need = [&](const char* where, double angle) {
+    refusal.sentence = std::string("the board does not fit into the image ") + where +
+                       ": it needs a horizontal view of " + number(degrees(angle)) +
+                       " deg with the margin, the lens has " + number(degrees(has)) + " deg";
+  };
+  if (at_start > has) {
+    need("at the start", at_start);
+    refusal.cure = "turn the robot towards the board before it starts";
+  } else if (at_goal > has) {
+    need("at the goal", at_goal);
+    refusal.cure = "end further away from the board, or use a narrower board";
+  } else {
+    const double least = smallest_view(planner);
+    if (least > has) {
+      need("on the way", least);
+      refusal.cure = "a lens of about " + number(degrees(least)) + " deg, or a start nearer to the board's axis";
+    } else {
+      refusal.sentence = "every path within the limits loses the board on the way, or leaves its range of " +
+                         number(view.min_range) + " to " + number(view.max_range) + " m";
+      refusal.cure = "a start nearer to the board's axis";
+    }
+  }
+  return refusal;
+}
+
 std::vector<Candidate> rated(const Planner& planner) {
   const DockingPlanConfig& config = planner.config;
   const Pose2 before_run_in = planner.goal * Pose2{-config.straights.final, 0.0, 0.0};
@@ -310,15 +367,8 @@ DockingPlanResult plan_docking(const Pose2& start, const Pose2& goal, const Dock
     }
   }
   if (config.view && !keeps_view(plan.path, *config.view, plan.largest_bearing)) {
-    const double seen = plan.largest_bearing;
     std::optional<Path> in_view = path_in_view(planner, softest, shortest->length, plan);
-    if (!in_view) {
-      return PlanRefusal{NoPlan::tag_out_of_view,
-                         "every path within the limits loses the board: on the best one its edge stands at least " +
-                             number(degrees(seen)) + " deg from the optical axis, the lens sees " +
-                             number(degrees(0.5 * config.view->horizontal_view)) + " deg to each side",
-                         ""};
-    }
+    if (!in_view) return out_of_view(planner);
     plan.path = std::move(*in_view);
   }
   return measured(planner, std::move(plan));

@@ -137,6 +137,25 @@ TEST_CASE("where a plan keeps the board in view, it is in view at every millimet
   CHECK(kept >= 30);  // about half of those that have a path at all keep it; a few random ones less
 }
 
+TEST_CASE("a refusal for the view says where the board is lost and which lens would do") {
+  DockingPlanConfig config = issue_limits();
+  config.view = ViewWish{};
+  config.view->horizontal_view = radians(40.0);
+  const auto refusal = [&](const Pose2& start) {
+    const DockingPlanResult result = plan_docking(start, before_board, config);
+    REQUIRE(std::holds_alternative<PlanRefusal>(result));
+    CHECK(std::get<PlanRefusal>(result).reason == NoPlan::tag_out_of_view);
+    return std::get<PlanRefusal>(result);
+  };
+  CHECK(refusal({-4.0, 0.3, radians(30.0)}).sentence.find("at the start") != std::string::npos);
+  const PlanRefusal on_the_way = refusal({-4.0, 1.0, radians(-14.0)});
+  const std::size_t place = on_the_way.cure.find("about ");
+  REQUIRE(place != std::string::npos);
+  // What it needs is read at the ends of segments only: a degree more is enough.
+  config.view->horizontal_view = radians(std::stod(on_the_way.cure.substr(place + 6)) + 1.0);
+  CHECK(std::holds_alternative<DockingPlan>(plan_docking({-4.0, 1.0, radians(-14.0)}, before_board, config)));
+}
+
 TEST_CASE("a refusal for want of room names cures that work") {
   DockingPlanConfig config = issue_limits();
   const Pose2 start{-2.0, 0.9, radians(-15.0)};
