@@ -166,7 +166,7 @@ void ForwardFamily::scan(const Visit& visit) const {
 
 ForwardFamily::Trial ForwardFamily::shortest_between(double low, Trial middle, double high) const {
   // Golden section on the length; outside a window of feasible headings it is infinite, which only narrows the search.
-  const double enough = 1e-7 * (high - low) + 4e-16 * std::abs(middle.heading);
+  const double enough = 1e-5 * (high - low) + 4e-16 * std::abs(middle.heading);
   for (int i = 0; i < 48 && high - low > enough; ++i) {
     const bool right = high - middle.heading > middle.heading - low;
     const double angle =
@@ -201,7 +201,7 @@ std::optional<ForwardFamily::Trial> ForwardFamily::narrow_window(double low, Tri
   return std::nullopt;
 }
 
-std::optional<ForwardPath> ForwardFamily::shortest() const {
+std::optional<ForwardPath> ForwardFamily::shortest(bool thorough) const {
   // No turn at all: offsets that the poses' own rounding hides count as zero, nothing else does.
   const double hidden = 4.0 * std::numeric_limits<double>::epsilon();
   const double ahead = goal_.x - straights_.initial - straights_.final;
@@ -216,21 +216,37 @@ std::optional<ForwardPath> ForwardFamily::shortest() const {
     trials[count++] = trial;
   });
   Trial shortest;
-  if (trials[best].cost < none) {
-    const double heading = trials[best].heading;
-    shortest = shortest_between(heading - spacing, trials[best], heading + spacing);
+  for (std::size_t i = 0; i < count; ++i) {
+    // Valleys that are not deeper than one percent above the deepest sample may still lead to the shortest path.
+    if (!(trials[i].cost < none) || trials[i].cost > 1.01 * trials[best].cost) continue;
+    if (i > 0 && trials[i - 1].cost < trials[i].cost) continue;
+    if (i + 1 < count && trials[i + 1].cost < trials[i].cost) continue;
+    const double heading = trials[i].heading;
+    const Trial trial = shortest_between(heading - spacing, trials[i], heading + spacing);
+    if (trial.cost < shortest.cost) shortest = trial;
   }
-  // One turn only: exactly the heading of the start or of the goal.
+  // One turn only: exactly the heading of the start or of the goal. There the length has a cusp, because ramps of small
+  // turns shrink with the root of the deflection, and a second valley may lie close beside it.
   for (const double angle : {0.0, goal_.yaw}) {
     const Trial trial = attempt(Direction::at(angle));
-    if (trial.cost < shortest.cost) shortest = shortest_between(angle - spacing, trial, angle + spacing);
+    if (trial.cost < shortest.cost) shortest = trial;
+    for (const double step : {-0.3 * spacing, 0.3 * spacing}) {
+      const Trial beside = attempt(Direction::at(angle + step));
+      if (!(beside.cost < 1.002 * shortest.cost)) continue;
+      const Trial best_beside =
+          shortest_between(std::min(angle, angle + 3.0 * step), beside, std::max(angle, angle + 3.0 * step));
+      if (best_beside.cost < shortest.cost) shortest = best_beside;
+    }
   }
   if (std::optional<ForwardPath> path = finished(shortest)) return path;
+  if (!thorough) return std::nullopt;
 
   // Nothing yet: look closer where the scan came nearest to a path, and ever closer around the start's and the goal's
   // heading, where lane changes of any size have their windows.
-  const auto better = [&](const std::optional<Trial>& trial) -> std::optional<ForwardPath> {
-    return trial ? finished(*trial) : std::nullopt;
+  std::optional<ForwardPath> found;
+  const auto keep = [&](const std::optional<Trial>& trial) {
+    if (!trial || (found && trial->cost >= found->length)) return;
+    if (const std::optional<ForwardPath> path = finished(*trial)) found = path;
   };
   for (std::size_t i = 0; i < count; ++i) {
     const double before = i > 0 ? trials[i - 1].excess : -none;
@@ -238,24 +254,31 @@ std::optional<ForwardPath> ForwardFamily::shortest() const {
     if (trials[i].excess == -none || trials[i].excess < before || trials[i].excess < after) continue;
     const double low = std::max(-pi, trials[i].heading - spacing);
     const double high = std::min(pi, trials[i].heading + spacing);
-    if (std::optional<ForwardPath> path = better(narrow_window(low, trials[i], high))) return path;
+    keep(narrow_window(low, trials[i], high));
   }
   for (const double centre : {0.0, goal_.yaw}) {
     for (const double side : {1.0, -1.0}) {
+      Trial nearest;
+      double at = 0.0;
       for (double offset = spacing; offset > 1e-17; offset *= 0.25) {
         const double angle = centre + side * offset;
         if (std::abs(angle) > pi) continue;
         const Trial trial = attempt(Direction::at(angle));
-        if (trial.excess == -none) continue;
-        const double low = centre + (side > 0.0 ? 0.25 : -4.0) * offset;
-        const double high = centre + (side > 0.0 ? 4.0 : -0.25) * offset;
-        const std::optional<Trial> found =
-            trial.cost < none ? shortest_between(low, trial, high) : narrow_window(low, trial, high);
-        if (std::optional<ForwardPath> path = better(found)) return path;
+        if (trial.cost < nearest.cost || (nearest.cost == none && trial.excess > nearest.excess)) {
+          nearest = trial;
+          at = offset;
+        }
       }
+      if (nearest.excess == -none) continue;
+      const double low = centre + (side > 0.0 ? 0.25 : -4.0) * at;
+      const double high = centre + (side > 0.0 ? 4.0 : -0.25) * at;
+      if (nearest.cost < none)
+        keep(shortest_between(low, nearest, high));
+      else
+        keep(narrow_window(low, nearest, high));
     }
   }
-  return std::nullopt;
+  return found;
 }
 
 void write_path(const Pose2& start, const ForwardPath& forward, const TurnShape& shape, Path& path) {

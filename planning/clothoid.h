@@ -43,7 +43,8 @@ class ForwardFamily {
   [[nodiscard]] std::optional<ForwardPath> at(double heading) const;
 
   /// The shortest path of the family, to about 1e-6 of its length; none if no heading gives one.
-  [[nodiscard]] std::optional<ForwardPath> shortest() const;
+  /// @param thorough  also look for windows of headings narrower than the scan; costs much where there is no path
+  [[nodiscard]] std::optional<ForwardPath> shortest(bool thorough = true) const;
 
  private:
   struct Trial;

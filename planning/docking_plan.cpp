@@ -37,23 +37,29 @@ struct Planner {
   [[nodiscard]] TurnShape shape(const TurnLimits& limits) const {
     return TurnShape(limits, config.arcs ? arc_steps(limits, config.arc_wish) : 0);
   }
-  [[nodiscard]] std::optional<ForwardPath> shortest(const TurnLimits& limits) const {
-    const TurnShape turn = shape(limits);
-    return ForwardFamily(seen, turn, config.straights, resolution).shortest();
+  [[nodiscard]] std::optional<ForwardPath> shortest(const TurnShape& turn, bool thorough) const {
+    return ForwardFamily(seen, turn, config.straights, resolution).shortest(thorough);
   }
-  /// Largest factor on the limits that is not needed: the softest turns whose path is not longer than `allowed`.
-  [[nodiscard]] double softest(double allowed) const {
+  /// Smallest factor on the limits that is enough: the softest turns whose path is not longer than `allowed`.
+  [[nodiscard]] double softest(const TurnShape& full, double allowed) const {
     double soft = 0.0;
     double hard = 1.0;
-    // Twelve halvings: 1/4096 of the limits, far below what a controller can tell.
-    for (int i = 0; i < 12; ++i) {
+    // Ten halvings: a thousandth of the limits, below what a controller can tell.
+    for (int i = 0; i < 10; ++i) {
       const double middle = 0.5 * (soft + hard);
-      const std::optional<ForwardPath> path = shortest(scaled(config.limits, middle));
+      const std::optional<ForwardPath> path = shortest(full.scaled(middle), false);
       (path && path->length <= allowed ? hard : soft) = middle;
     }
     return hard;
   }
 };
+
+/// Does a changed question have a path?
+bool drivable(const Pose2& start, const Pose2& goal, const TurnShape& turn, const Straights& straights) {
+  return ForwardFamily(goal_seen_from(start, goal), turn, straights, pose_resolution(start, goal))
+      .shortest()
+      .has_value();
+}
 
 std::string cure_of_no_room(const Planner& planner) {
   // Each single change is tried by bisection on its size; what works with the smallest share of change comes first.
@@ -61,7 +67,7 @@ std::string cure_of_no_room(const Planner& planner) {
     if (!works(most)) return std::nullopt;
     double bad = none;
     double good = most;
-    for (int i = 0; i < 20; ++i) {
+    for (int i = 0; i < 11; ++i) {  // a two-thousandth of the range
       const double middle = 0.5 * (bad + good);
       (works(middle) ? good : bad) = middle;
     }
@@ -69,32 +75,32 @@ std::string cure_of_no_room(const Planner& planner) {
   };
   std::vector<std::string> cures;
   const TurnLimits limits = planner.config.limits;
+  const TurnShape turn = planner.shape(limits);
+  const Straights& straights = planner.config.straights;
   if (const auto factor = smallest(1.0, 4.0, [&](double f) {
-        return planner.shortest({limits.max_curvature, limits.max_sharpness * f}).has_value();
+        return drivable(planner.start, planner.goal, planner.shape({limits.max_curvature, limits.max_sharpness * f}),
+                        straights);
       }))
     cures.push_back("raise the sharpness from " + number(limits.max_sharpness) + " to " +
                     number(limits.max_sharpness * *factor) + " 1/m2");
-  if (const auto factor = smallest(1.0, 4.0, [&](double f) { return planner.shortest(scaled(limits, f)).has_value(); }))
+  if (const auto factor = smallest(
+          1.0, 4.0, [&](double f) { return drivable(planner.start, planner.goal, turn.scaled(f), straights); }))
     cures.push_back("raise curvature to " + number(limits.max_curvature * *factor) + " 1/m and sharpness to " +
                     number(limits.max_sharpness * *factor * *factor) + " 1/m2");
   const double radius = std::max(1.0 / limits.max_curvature, 1.0 / std::sqrt(limits.max_sharpness));
   if (planner.config.straights.final > 0.0) {
     if (const auto cut = smallest(0.0, planner.config.straights.final, [&](double by) {
-          DockingPlanConfig changed = planner.config;
-          changed.straights.final = std::max(0.0, changed.straights.final - by);
-          return Planner{planner.start, planner.goal, changed}.shortest(limits).has_value();
+          return drivable(planner.start, planner.goal, turn, {straights.initial, std::max(0.0, straights.final - by)});
         }))
       cures.push_back("shorten the final straight to " + number(std::max(0.0, planner.config.straights.final - *cut)) +
                       " m");
   }
   if (const auto back = smallest(0.0, 8.0 * radius, [&](double by) {
-        const Pose2 moved = planner.start * Pose2{-by, 0.0, 0.0};
-        return Planner{moved, planner.goal, planner.config}.shortest(limits).has_value();
+        return drivable(planner.start * Pose2{-by, 0.0, 0.0}, planner.goal, turn, straights);
       }))
     cures.push_back("start " + number(*back) + " m further back");
   if (const auto near = smallest(0.0, 4.0 * radius, [&](double by) {
-        const Pose2 moved = planner.goal * Pose2{by, 0.0, 0.0};
-        return Planner{planner.start, moved, planner.config}.shortest(limits).has_value();
+        return drivable(planner.start, planner.goal * Pose2{by, 0.0, 0.0}, turn, straights);
       }))
     cures.push_back("move the approach point " + number(*near) + " m towards the board");
   std::string text;
@@ -120,6 +126,7 @@ std::optional<Path> path_in_view(const Planner& planner, double softest, double 
   constexpr int softnesses = 5;
   constexpr int headings = 48;
   double best = std::numeric_limits<double>::infinity();
+  const double limit = 0.5 * planner.config.view->horizontal_view - planner.config.view->margin;
   std::optional<Path> chosen;
   Path path;
   for (int i = 0; i < softnesses; ++i) {
@@ -133,6 +140,13 @@ std::optional<Path> path_in_view(const Planner& planner, double softest, double 
       // A tenth of the shortest way is what full sharpness may be worth; a guess, to be settled by dockings.
       const double cost = forward->length + 0.1 * factor * shortest;
       if (cost >= best) continue;
+      // The board is lost at an end of the middle straight more often than not: those two poses are looked at first.
+      const double chord = turn.chord(forward->first);
+      const Pose2 turned{forward->initial + chord * std::cos(0.5 * forward->first),
+                         chord * std::sin(0.5 * forward->first), forward->first};
+      const Pose2 before_second = turned * Pose2{forward->middle, 0.0, 0.0};
+      if (board_bearing(planner.start * before_second, *planner.config.view) > limit) continue;
+      if (board_bearing(planner.start * turned, *planner.config.view) > limit) continue;
       write_path(planner.start, *forward, turn, path);
       double bearing = 0.0;
       if (!keeps_view(path, *planner.config.view, bearing)) continue;
@@ -143,6 +157,63 @@ std::optional<Path> path_in_view(const Planner& planner, double softest, double 
     }
   }
   return chosen;
+}
+
+/// The smallest view of a lens that would keep the board in the image, margin included [rad], from the ends of the
+/// segments of a coarse choice of paths: a path that needs less may exist, one that needs more was found.
+double smallest_view(const Planner& planner) {
+  const ViewWish& view = *planner.config.view;
+  constexpr int headings = 24;
+  double least = std::numbers::pi;
+  const TurnShape turn = planner.shape(planner.config.limits);
+  const ForwardFamily family(planner.seen, turn, planner.config.straights, planner.resolution);
+  Path path;
+  for (int j = -headings; j <= headings; ++j) {
+    const std::optional<ForwardPath> forward = family.at(0.5 * std::numbers::pi * j / headings);
+    if (!forward) continue;
+    write_path(planner.start, *forward, turn, path);
+    double largest = board_bearing(path.start, view);
+    Pose2 at = path.start;
+    for (const Segment& segment : path.segments) {
+      at = pose_along(at, segment, segment.length);
+      largest = std::max(largest, board_bearing(at, view));
+      if (largest > least) break;
+    }
+    least = std::min(least, largest);
+  }
+  return 2.0 * (least + view.margin);
+}
+
+PlanRefusal out_of_view(const Planner& planner) {
+  const ViewWish& view = *planner.config.view;
+  PlanRefusal refusal;
+  refusal.reason = NoPlan::tag_out_of_view;
+  const double at_goal = 2.0 * (board_bearing(planner.goal, view) + view.margin);
+  const double at_start = 2.0 * (board_bearing(planner.start, view) + view.margin);
+  const double has = view.horizontal_view;
+  const auto need = [&](const char* where, double angle) {
+    refusal.sentence = std::string("the board does not fit into the image ") + where +
+                       ": it needs a horizontal view of " + number(degrees(angle)) +
+                       " deg with the margin, the lens has " + number(degrees(has)) + " deg";
+  };
+  if (at_start > has) {
+    need("at the start", at_start);
+    refusal.cure = "turn the robot towards the board before it starts";
+  } else if (at_goal > has) {
+    need("at the goal", at_goal);
+    refusal.cure = "end further away from the board, or use a narrower board";
+  } else {
+    const double least = smallest_view(planner);
+    if (least > has) {
+      need("on the way", least);
+      refusal.cure = "a lens of about " + number(degrees(least)) + " deg, or a start nearer to the board's axis";
+    } else {
+      refusal.sentence = "every path within the limits loses the board on the way, or leaves its range of " +
+                         number(view.min_range) + " to " + number(view.max_range) + " m";
+      refusal.cure = "a start nearer to the board's axis";
+    }
+  }
+  return refusal;
 }
 
 std::vector<Candidate> rated(const Planner& planner) {
@@ -278,28 +349,26 @@ DockingPlanResult plan_docking(const Pose2& start, const Pose2& goal, const Dock
   if (already_there(start, goal)) return AlreadyThere{};
 
   const Planner planner{start, goal, config};
-  const std::optional<ForwardPath> shortest = planner.shortest(config.limits);
+  const TurnShape full = planner.shape(config.limits);
+  const std::optional<ForwardPath> shortest = planner.shortest(full, true);
   if (!shortest) return no_room(planner);
 
   DockingPlan plan;
   plan.shortest = shortest->length;
-  const double softest = config.softness > 0.0 ? planner.softest((1.0 + config.softness) * shortest->length) : 1.0;
-  const TurnLimits soft = scaled(config.limits, softest);
-  const TurnShape turn = planner.shape(soft);
-  const std::optional<ForwardPath> chosen =
-      softest < 1.0 ? ForwardFamily(planner.seen, turn, config.straights, planner.resolution).shortest() : shortest;
-  write_path(start, chosen ? *chosen : *shortest, chosen ? turn : planner.shape(config.limits), plan.path);
-  plan.sharpness = soft.max_sharpness;
-  if (config.view && !keeps_view(plan.path, *config.view, plan.largest_bearing)) {
-    const double seen = plan.largest_bearing;
-    std::optional<Path> in_view = path_in_view(planner, softest, shortest->length, plan);
-    if (!in_view) {
-      return PlanRefusal{NoPlan::tag_out_of_view,
-                         "every path within the limits loses the board: on the best one its edge stands at least " +
-                             number(degrees(seen)) + " deg from the optical axis, the lens sees " +
-                             number(degrees(0.5 * config.view->horizontal_view)) + " deg to each side",
-                         ""};
+  plan.sharpness = config.limits.max_sharpness;
+  write_path(start, *shortest, full, plan.path);
+  double softest = 1.0;
+  if (config.softness > 0.0) {
+    softest = planner.softest(full, (1.0 + config.softness) * shortest->length);
+    const TurnShape soft = planner.shape(scaled(config.limits, softest));  // larger turns may ask for more arcs
+    if (const std::optional<ForwardPath> chosen = planner.shortest(soft, false)) {
+      write_path(start, *chosen, soft, plan.path);
+      plan.sharpness = soft.limits().max_sharpness;
     }
+  }
+  if (config.view && !keeps_view(plan.path, *config.view, plan.largest_bearing)) {
+    std::optional<Path> in_view = path_in_view(planner, softest, shortest->length, plan);
+    if (!in_view) return out_of_view(planner);
     plan.path = std::move(*in_view);
   }
   return measured(planner, std::move(plan));

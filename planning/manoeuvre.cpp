@@ -328,6 +328,43 @@ struct Search {
     }
   }
 
+  // ---- A loop of three turns, forward only: straights in three directions that span the plane reach everything.
+
+  void try_loop() {
+    constexpr int parts = 24;
+    for (const double side : {1.0, -1.0}) {
+      for (int i = 1; i < parts; ++i) {
+        for (int j = 1; i + j < parts; ++j) {
+          const double first = side * i * 2.0 * pi / parts;
+          const double second = side * j * 2.0 * pi / parts;
+          double third = std::remainder(goal.yaw - first - second, 2.0 * pi);
+          if (third * side < 0.0) third += side * 2.0 * pi;
+          Manoeuvre loop;
+          loop.turns = 3;
+          loop.deflections = {first, second, third};
+          loop.directions = {1, 1, 1};
+          const Vector open = gap(loop);
+          const std::array<Vector, 4> ways = {Vector{1.0, 0.0}, direction(first), direction(first + second),
+                                              goal_direction};
+          for (std::size_t a = 0; a < 4; ++a) {
+            for (std::size_t b = a + 1; b < 4; ++b) {
+              const double determinant = cross(ways[a], ways[b]);
+              if (determinant == 0.0) continue;
+              const double along_a = cross(open, ways[b]) / determinant;
+              const double along_b = cross(ways[a], open) / determinant;
+              if (!(along_a >= 0.0 && along_b >= 0.0)) continue;
+              Manoeuvre found_loop = loop;
+              found_loop.straights[a] = along_a;
+              found_loop.straights[b] = along_b;
+              set_length(found_loop);
+              found.add(found_loop);
+            }
+          }
+        }
+      }
+    }
+  }
+
   // ---- Words of three and four turns: Newton from the Reeds-Shepp words of about the same size.
 
   /// Deflections as a function of two unknowns: the first turn, and the second (three turns) or both middle ones.
@@ -433,6 +470,7 @@ std::optional<Manoeuvre> shortest_manoeuvre(const Pose2& goal, const TurnShape& 
     }
     if (driving == Driving::both) search.try_one_straight({first, -first, first * 0.5 * pi, -first * 0.5 * pi});
   }
+  if (driving == Driving::forward && search.found.begin() == search.found.end()) search.try_loop();
   if (driving == Driving::both) {
     // Arcs whose quarter circle spans the chord of a quarter turn, and some sharper and wider ones.
     const double middle = shape.chord(0.5 * pi) / std::numbers::sqrt2;

@@ -1,6 +1,5 @@
 #include "planning/reeds_shepp.h"
 
-#include <algorithm>
 #include <limits>
 
 #include "planning/clothoid.h"
@@ -26,30 +25,57 @@ struct Reading {
   bool backward;
 };
 
-struct Collector {
+/// Reads a formula's solution into a word.
+void read_word(const Reading& reading, int pieces, const char* turns, const std::array<double, 5>& angles,
+               double radius, ReedsSheppWord& word) {
+  word = {};
+  word.pieces = pieces;
+  for (int i = 0; i < pieces; ++i) {
+    const auto from = static_cast<std::size_t>(reading.backward ? pieces - 1 - i : i);
+    const auto to = static_cast<std::size_t>(i);
+    word.lengths[to] = reading.drive * angles[from] * radius;
+    const char turn = turns[from];
+    word.turns[to] = reading.side > 0.0 || turn == 'S' ? turn : (turn == 'L' ? 'R' : 'L');
+    word.length += std::abs(word.lengths[to]);
+  }
+}
+
+/// Keeps every word.
+struct Everything {
   ReedsSheppWords& found;
   double radius;
 
   void add(const Reading& reading, int pieces, const char* turns, const std::array<double, 5>& angles) {
-    ReedsSheppWord& word = found.words[static_cast<std::size_t>(found.count++)];
-    word = {};
-    word.pieces = pieces;
-    for (int i = 0; i < pieces; ++i) {
-      const auto from = static_cast<std::size_t>(reading.backward ? pieces - 1 - i : i);
-      const auto to = static_cast<std::size_t>(i);
-      word.lengths[to] = reading.drive * angles[from] * radius;
-      const char turn = turns[from];
-      word.turns[to] = reading.side > 0.0 || turn == 'S' ? turn : (turn == 'L' ? 'R' : 'L');
-      word.length += std::abs(word.lengths[to]);
-    }
+    read_word(reading, pieces, turns, angles, radius, found.words[static_cast<std::size_t>(found.count++)]);
+  }
+};
+
+/// Keeps the shortest word only, as its formula gave it.
+struct Shortest {
+  Reading reading{1.0, 1.0, false};
+  int pieces = 0;
+  const char* turns = "";
+  std::array<double, 5> angles{};
+  double turned = std::numeric_limits<double>::infinity();
+
+  void add(const Reading& new_reading, int new_pieces, const char* new_turns, const std::array<double, 5>& new_angles) {
+    double sum = 0.0;
+    for (const double angle : new_angles) sum += std::abs(angle);
+    if (!(sum < turned)) return;
+    turned = sum;
+    reading = new_reading;
+    pieces = new_pieces;
+    turns = new_turns;
+    angles = new_angles;
   }
 };
 
 /// The same angle in [0, 2 pi).
 double forward_angle(double angle) {
-  const double wrapped = std::remainder(angle, 2.0 * pi);
-  if (wrapped >= 0.0) return wrapped;
-  return wrapped > -rounding ? 0.0 : wrapped + 2.0 * pi;
+  // The sums of few angles that come here lie within a few circles.
+  while (angle >= 2.0 * pi) angle -= 2.0 * pi;
+  while (angle <= -rounding) angle += 2.0 * pi;
+  return angle >= 2.0 * pi - rounding || angle < 0.0 ? 0.0 : angle;
 }
 
 double reverse_angle(double angle) { return -forward_angle(-angle); }
@@ -65,6 +91,7 @@ double first_of_four(double u, double v, double xi, double eta) {
 }
 
 // Words whose outer arcs turn the same way: xi, eta is the goal's circle centre seen from the start's.
+template <class Collector>
 void same_side(const Query& q, const Reading& reading, Collector& out) {
   const double xi = q.x - q.sine;
   const double eta = q.y - 1.0 + q.cosine;
@@ -90,6 +117,7 @@ void same_side(const Query& q, const Reading& reading, Collector& out) {
 }
 
 // Words whose outer arcs turn opposite ways.
+template <class Collector>
 void opposite_side(const Query& q, const Reading& reading, Collector& out) {
   const double xi = q.x + q.sine;
   const double eta = q.y - 1.0 - q.cosine;
@@ -122,6 +150,30 @@ void opposite_side(const Query& q, const Reading& reading, Collector& out) {
     const double u = -std::acos(far);
     const double t = forward_angle(first_of_four(u, u, xi, eta));
     out.add(reading, 4, "LRLR", {t, u, u, forward_angle(t - q.yaw)});
+  }
+}
+
+/// Every formula in every reading.
+template <class Collector>
+void solve(const Pose2& start, const Pose2& goal, double curvature, Collector& collector) {
+  const Pose2 seen = goal_seen_from(start, goal);
+  const double x = seen.x * curvature;
+  const double y = seen.y * curvature;
+  const double s = std::sin(seen.yaw);
+  const double c = std::cos(seen.yaw);
+  // Driven from the goal back to the start, a word's pieces come last first.
+  const double x_back = x * c + y * s;
+  const double y_back = x * s - y * c;
+  for (const double drive : {1.0, -1.0}) {
+    for (const double side : {1.0, -1.0}) {
+      const double turn = drive * side;
+      const Query ahead{drive * x, side * y, turn * seen.yaw, turn * s, c};
+      const Query back{drive * x_back, side * y_back, turn * seen.yaw, turn * s, c};
+      same_side(ahead, {drive, side, false}, collector);
+      opposite_side(ahead, {drive, side, false}, collector);
+      same_side(back, {drive, side, true}, collector);
+      opposite_side(back, {drive, side, true}, collector);
+    }
   }
 }
 
@@ -159,30 +211,29 @@ Path ReedsSheppWord::path(const Pose2& start, double curvature) const {
 }
 
 ReedsSheppWords reeds_shepp_words(const Pose2& start, const Pose2& goal, double curvature) {
-  ReedsSheppWords found;
-  Collector collector{found, 1.0 / curvature};
-  const Pose2 seen = goal_seen_from(start, goal);
-  const double x = seen.x * curvature;
-  const double y = seen.y * curvature;
-  const double s = std::sin(seen.yaw);
-  const double c = std::cos(seen.yaw);
-  // Driven from the goal back to the start, a word's pieces come last first.
-  const double x_back = x * c + y * s;
-  const double y_back = x * s - y * c;
-  for (const double drive : {1.0, -1.0}) {
-    for (const double side : {1.0, -1.0}) {
-      const double turn = drive * side;
-      const Query ahead{drive * x, side * y, turn * seen.yaw, turn * s, c};
-      const Query back{drive * x_back, side * y_back, turn * seen.yaw, turn * s, c};
-      same_side(ahead, {drive, side, false}, collector);
-      opposite_side(ahead, {drive, side, false}, collector);
-      same_side(back, {drive, side, true}, collector);
-      opposite_side(back, {drive, side, true}, collector);
-    }
+  ReedsSheppWords unsorted;
+  Everything everything{unsorted, 1.0 / curvature};
+  solve(start, goal, curvature, everything);
+  const auto count = static_cast<std::size_t>(unsorted.count);
+  std::array<unsigned char, 48> order{};
+  for (std::size_t i = 0; i < count; ++i) {
+    std::size_t place = i;
+    for (; place > 0 && unsorted.words[order[place - 1]].length > unsorted.words[i].length; --place)
+      order[place] = order[place - 1];
+    order[place] = static_cast<unsigned char>(i);
   }
-  std::stable_sort(found.words.begin(), found.words.begin() + found.count,
-                   [](const ReedsSheppWord& a, const ReedsSheppWord& b) { return a.length < b.length; });
+  ReedsSheppWords found;
+  found.count = unsorted.count;
+  for (std::size_t i = 0; i < count; ++i) found.words[i] = unsorted.words[order[i]];
   return found;
+}
+
+ReedsSheppWord shortest_reeds_shepp(const Pose2& start, const Pose2& goal, double curvature) {
+  Shortest shortest;
+  solve(start, goal, curvature, shortest);
+  ReedsSheppWord word;
+  read_word(shortest.reading, shortest.pieces, shortest.turns, shortest.angles, 1.0 / curvature, word);
+  return word;
 }
 
 }  // namespace tagdock

@@ -37,4 +37,7 @@ struct ReedsSheppWords {
 /// @param curvature  of the arcs [1/m], finite and > 0
 ReedsSheppWords reeds_shepp_words(const Pose2& start, const Pose2& goal, double curvature);
 
+/// The first of them alone, quicker.
+ReedsSheppWord shortest_reeds_shepp(const Pose2& start, const Pose2& goal, double curvature);
+
 }  // namespace tagdock

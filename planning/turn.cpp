@@ -22,25 +22,32 @@ void for_each_stair(int steps, const Piece& piece) {
   piece(1.0 - step / 6.0, 1.0, w, 2.0);
 }
 
-// Integral of w^j over the ramp (rising) or of (1 - w)^j (falling).
-double moment(int steps, int power, bool falling) {
+/// Integrals of w^j over the ramp (rising) or of (1 - w)^j (falling), for j = 0, 1, ...
+template <std::size_t Count>
+std::array<double, Count> moments(int steps, bool falling) {
+  std::array<double, Count> result{};
   if (steps == 0) {
-    if (!falling) return 1.0 / (2 * power + 1);
     double product = 1.0;
-    for (int i = 1; i <= power; ++i) product *= 2.0 * i / (2.0 * i + 1.0);
-    return product;
+    for (std::size_t j = 0; j < Count; ++j) {
+      const double power = static_cast<double>(j);
+      if (j > 0) product *= 2.0 * power / (2.0 * power + 1.0);
+      result[j] = falling ? product : 1.0 / (2.0 * power + 1.0);
+    }
+    return result;
   }
-  double sum = 0.0;
   for_each_stair(steps, [&](double begin, double end, double w, double slope) {
     const double from = falling ? 1.0 - w : w;
-    if (slope == 0.0) {
-      sum += std::pow(from, power) * (end - begin);
-      return;
-    }
     const double to = falling ? std::max(0.0, from - slope * (end - begin)) : from + slope * (end - begin);
-    sum += std::abs(std::pow(to, power + 1) - std::pow(from, power + 1)) / ((power + 1) * slope);
+    double power_from = 1.0;
+    double power_to = 1.0;
+    for (std::size_t j = 0; j < Count; ++j) {
+      if (slope == 0.0) result[j] += power_from * (end - begin);
+      power_from *= from;
+      power_to *= to;
+      if (slope != 0.0) result[j] += std::abs(power_to - power_from) / (static_cast<double>(j + 1) * slope);
+    }
   });
-  return sum;
+  return result;
 }
 
 }  // namespace
@@ -53,8 +60,9 @@ TurnShape::TurnShape(const TurnLimits& limits, int arc_steps)
       elementary_(limits.max_curvature * ramp_) {
   // Elementary turn: half the chord is the integral of cos(d/2 (1 - w)) over one ramp of length sqrt(|d|/sharpness).
   double factor = 2.0;
+  const auto falling = moments<2 * terms>(arc_steps, true);
   for (int k = 0; k < terms; ++k) {
-    series_[static_cast<std::size_t>(k)] = factor * moment(arc_steps, 2 * k, true);
+    series_[static_cast<std::size_t>(k)] = factor * falling[static_cast<std::size_t>(2 * k)];
     factor *= -1.0 / ((2.0 * k + 1.0) * (2.0 * k + 2.0));
   }
   if (elementary_ > full_circle) return;  // full curvature is never reached
@@ -63,14 +71,25 @@ TurnShape::TurnShape(const TurnLimits& limits, int arc_steps)
   double cos_sum = 0.0;
   double sin_sum = 0.0;
   double power = 1.0;
+  const auto rising = moments<2 * terms>(arc_steps, false);
   for (int j = 0; j < 2 * terms; ++j) {
-    const double term = power * moment(arc_steps, j, false) * ((j / 2) % 2 == 0 ? 1.0 : -1.0);
+    const double term = power * rising[static_cast<std::size_t>(j)] * ((j / 2) % 2 == 0 ? 1.0 : -1.0);
     (j % 2 == 0 ? cos_sum : sin_sum) += term;
     power *= turn / (j + 1);
   }
   const double radius = 1.0 / limits.max_curvature;
   along_ = 2.0 * (ramp_ * cos_sum - radius * std::sin(turn));
   across_ = 2.0 * (ramp_ * sin_sum + radius * std::cos(turn));
+}
+
+TurnShape TurnShape::scaled(double factor) const {
+  TurnShape other(*this);
+  other.limits_ = {limits_.max_curvature * factor, limits_.max_sharpness * factor * factor};
+  other.inverse_sharpness_ = 1.0 / other.limits_.max_sharpness;
+  other.ramp_ = ramp_ / factor;
+  other.along_ = along_ / factor;
+  other.across_ = across_ / factor;
+  return other;
 }
 
 double TurnShape::lead(double deflection) const {

@@ -30,6 +30,9 @@ class TurnShape {
   /// @param arc_steps  0 for clothoid ramps, else arcs per ramp
   explicit TurnShape(const TurnLimits& limits, int arc_steps = 0);
 
+  /// The same shape with curvature times `factor` and sharpness times its square: every length divided by it.
+  [[nodiscard]] TurnShape scaled(double factor) const;
+
   [[nodiscard]] const TurnLimits& limits() const { return limits_; }
   [[nodiscard]] int arc_steps() const { return arc_steps_; }
 

@@ -92,3 +92,43 @@ TEST_CASE("docking starts: solved share, exact ends, no loop, run-in kept") {
                            << ", end error " << worst << " m, " << worst_heading << " rad");
   }
 }
+
+TEST_CASE("lane changes down to the rounding of the poses are driven, left and right, with headings a little off") {
+  const TurnShape shape({1.25, 2.5});
+  for (double offset = 0.3; offset > 1e-16; offset *= 0.1) {
+    for (const double side : {1.0, -1.0}) {
+      for (const double turn : {0.0, 0.01 * offset, -0.1 * offset}) {
+        const Pose2 start{-5.0, side * offset, turn};
+        CAPTURE(offset, side, turn);
+        const ForwardFamily family(goal_seen_from(start, {}), shape, {0.0, 0.3}, pose_resolution(start, {}));
+        const auto forward = family.shortest();
+        REQUIRE(forward.has_value());
+        Path path;
+        write_path(start, *forward, shape, path);
+        CHECK(end_error(path, {}).position < 1e-14);  // m; a few roundings of 5 m
+        CHECK(end_error(path, {}).heading < 1e-14);
+        CHECK(forward->length < 5.0 + 2.0 * offset);
+      }
+    }
+  }
+}
+
+TEST_CASE("a fine scan of middle headings finds no docking that the search refuses") {
+  std::mt19937 random(404);
+  const TurnShape shape({1.25, 2.5});
+  int missed = 0;
+  double worst = 1.0;
+  for (int i = 0; i < 800; ++i) {
+    const Pose2 start = docking_start(random);
+    const ForwardFamily family(goal_seen_from(start, {}), shape, {0.0, 0.0}, pose_resolution(start, {}));
+    const auto quick = family.shortest();
+    double best = 1e300;
+    constexpr int fine = 2000;
+    for (int j = -fine; j <= fine; ++j)
+      if (const auto path = family.at(std::numbers::pi * j / fine)) best = std::min(best, path->length);
+    if (best < 1e300 && !quick) ++missed;
+    if (quick) worst = std::max(worst, quick->length / best);
+  }
+  CHECK(missed == 0);
+  CHECK(worst < 1.0001);
+}

@@ -20,6 +20,7 @@ TEST_CASE("every Reeds-Shepp word ends at the goal, the shortest first") {
     const Pose2 goal{field * place(random), field * place(random), angle(random)};
     const ReedsSheppWords words = reeds_shepp_words(start, goal, 1.0);
     REQUIRE(words.count >= 8);
+    CHECK(shortest_reeds_shepp(start, goal, 1.0).length == Approx(words.words[0].length).epsilon(1e-14));
     double last = 0.0;
     for (const ReedsSheppWord& word : words) {
       CAPTURE(i, word.name(), word.length);

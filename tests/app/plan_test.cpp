@@ -1,0 +1,151 @@
+#include <filesystem>
+#include <fstream>
+#include <sstream>
+#include <unistd.h>
+
+#include <catch2/catch.hpp>
+
+#include "app/failure.h"
+#include "app/verbs.h"
+#include "tests/planning/endpoint.h"
+
+using namespace tagdock;
+
+namespace {
+
+/// A folder for one test, gone afterwards.
+struct Folder {
+  std::filesystem::path path =
+      std::filesystem::temp_directory_path() / ("tagdock_plan_test_" + std::to_string(getpid()));
+  Folder() { std::filesystem::create_directories(path); }
+  ~Folder() { std::filesystem::remove_all(path); }
+  Folder(const Folder&) = delete;
+  Folder& operator=(const Folder&) = delete;
+
+  [[nodiscard]] std::string file(const std::string& name) const { return (path / name).string(); }
+  [[nodiscard]] std::string write(const std::string& name, const std::string& text) const {
+    std::ofstream(file(name)) << text;
+    return file(name);
+  }
+};
+
+int run(std::vector<std::string> arguments) {
+  CLI::App program("test");
+  Action action;
+  add_plan(program, action);
+  arguments.insert(arguments.begin(), "plan");
+  std::reverse(arguments.begin(), arguments.end());
+  program.parse(arguments);
+  return action();
+}
+
+std::vector<std::vector<std::string>> rows(const std::string& file) {
+  std::ifstream in(file);
+  std::vector<std::vector<std::string>> result;
+  for (std::string line; std::getline(in, line);) {
+    std::vector<std::string> fields(1);
+    for (const char c : line) {
+      if (c == ',')
+        fields.emplace_back();
+      else
+        fields.back() += c;
+    }
+    result.push_back(fields);
+  }
+  return result;
+}
+
+/// The path as a reader of the file gets it: length, curv_start, curv_end per segment.
+Path path_of(const std::vector<std::string>& row) {
+  Path path{{std::stod(row[3]), std::stod(row[4]), std::stod(row[5])}, {}};
+  for (std::size_t i = 9; i + 2 < row.size(); i += 3) {
+    const double length = std::stod(row[i]);
+    const double begin = std::stod(row[i + 1]);
+    const double sharpness = row[i + 2].empty() ? 0.0 : (std::stod(row[i + 2]) - begin) / length;
+    path.segments.push_back({length, begin, sharpness});
+  }
+  return path;
+}
+
+constexpr const char* queries =
+    "id,sx,sy,sth,gx,gy,gth,kappa_max,sigma_max\r\n"
+    "a,-3.45,0.5,-0.2,-1,0,0,1.25,2.5\n"
+    "b,0,0,0,0,0,0,1,1\n"
+    "c,nan,0,0,1,0,0,1,1\n"
+    "d,0,0,0,1,0,0,0,1\n"
+    "\n"
+    "e,0,0,0,1,0,inf,1,1\n"
+    "f,0,0,0,1e300,0,0,1,1\n"
+    "g,0,0,0,0.1,1,0.3,1,1\n"
+    "h,0,zero,0,0.1,1,0.3,1,1\n"
+    "i,0,0\n"
+    "j,0,0,0,1,0,0,1,1e-400\n";
+
+}  // namespace
+
+TEST_CASE("a file of queries is answered line by line, each with a word, and the paths in it end at their goals") {
+  const Folder folder;
+  const std::string in = folder.write("queries.csv", queries);
+  const std::string out = folder.file("plans.csv");
+  const std::string kind = GENERATE(std::string("clothoids"), std::string("arcs"));
+  CHECK(run({"--batch", in, "--as", kind, "--output", out}) == 2);  // two lines are not numbers
+  const auto answers = rows(out);
+  REQUIRE(answers.size() == 11);
+  const std::vector<std::string> words = {"status",    "ok",         "already_there", "not_finite",
+                                          "bad_limit", "not_finite", "too_large",     "no_room",
+                                          "malformed", "malformed",  "bad_limit"};
+  for (std::size_t i = 0; i < answers.size(); ++i) {
+    CAPTURE(i, answers[i][0]);
+    CHECK(answers[i][2] == words[i]);
+    for (const std::string& field : answers[i]) CHECK(field.find("nan") == std::string::npos);
+  }
+  CHECK(answers[1][0] == "a");
+  CHECK(end_error(path_of(answers[1]), {-1.0, 0.0, 0.0}).position < 1e-12);
+  CHECK(end_error(path_of(answers[1]), {-1.0, 0.0, 0.0}).heading < 1e-12);
+
+  CHECK(run({"--batch", in, "--as", kind, "--mode", "reeds-shepp", "--output", out}) == 2);
+  const auto both = rows(out);
+  REQUIRE(both.size() == 11);
+  REQUIRE(both[7][2] == "ok");
+  CHECK(end_error(path_of(both[7]), {0.1, 1.0, 0.3}).position < 1e-12);
+  CHECK(end_error(path_of(both[7]), {0.1, 1.0, 0.3}).heading < 1e-12);
+}
+
+TEST_CASE("one plan is drawn, and one that cannot be is refused with exit code 1") {
+  const Folder folder;
+  CHECK(run({"--from", "-3.45,0.5,-12", "--to", "-1,0,0", "--final-straight", "0.3", "--as", "arcs", "--arc-steps", "4",
+             "--svg", folder.file("plan.svg"), "--output", folder.file("plan.csv")}) == 0);
+  std::stringstream svg;
+  svg << std::ifstream(folder.file("plan.svg")).rdbuf();
+  CHECK(svg.str().starts_with("<svg"));
+  CHECK(svg.str().find("nan") == std::string::npos);
+  for (const char* part : {"curvature [1/m]", "bearing of the board", "towards the wall", "</svg>"})
+    CHECK(svg.str().find(part) != std::string::npos);
+  const auto answer = rows(folder.file("plan.csv"));
+  REQUIRE(answer.size() == 2);
+  CHECK(path_of(answer[1]).segments.back().length >= 0.3);
+  CHECK(run({"--from", "-1.5,0.5,0", "--to", "-1,0,0", "--output", folder.file("no.csv")}) == 1);
+}
+
+TEST_CASE("a wrong command line or file is a usage failure that names what is wrong") {
+  const Folder folder;
+  const auto sentence = [](const std::vector<std::string>& arguments) -> std::string {
+    try {
+      run(arguments);
+    } catch (const Failure& failure) {
+      CHECK(failure.code() == ExitCode::usage);
+      return failure.what();
+    }
+    return "no failure";
+  };
+  CHECK(sentence({"--from", "1,2", "--to", "0,0,0"}).find("--from is \"1,2\"") == 0);
+  CHECK(sentence({"--from", "1,2,x", "--to", "0,0,0"}).find("three numbers") != std::string::npos);
+  CHECK(sentence({}).find("--batch") != std::string::npos);
+  CHECK(sentence({"--batch", folder.file("none.csv")}).find("cannot read") == 0);
+  CHECK(sentence({"--batch", folder.write("empty.csv", "")}).find("is empty") != std::string::npos);
+  CHECK(sentence({"--batch", folder.write("columns.csv", "id,sx,sy\n")}).find("\"sth\" is missing") !=
+        std::string::npos);
+  CHECK(sentence({"--from", "0,0,0", "--to", "1,0,0", "--final-straight", "-1"}).find("--final-straight") == 0);
+  CHECK(sentence({"--from", "0,0,0", "--to", "1,0,0", "--output", folder.file("no/such/folder.csv")})
+            .find("cannot write") == 0);
+}
