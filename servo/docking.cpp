@@ -262,15 +262,16 @@ struct EntryCheck {
 };
 
 // Whether the line law can start here.
-EntryCheck entry_check(const Pose2& T_station_base, const DockingConfig& config) {
+EntryCheck entry_check(const Job& job, const Pose2& T_station_base, const DockingConfig& config) {
+  const double share = job.attempts > 1 ? config.entry.retry_share : 1.0;
   const Pose2 T_goal_base = between(goal_of_axle(config), T_station_base);
   const double rest = -T_goal_base.x;
   const double heading = wrap_angle(T_goal_base.yaw);
   const double left = lateral_left(T_goal_base.y, heading, std::max(0.0, rest), config.line.length);
   // Beyond this lateral error the heading limit holds the law back, and the estimate of what is left is too good.
   const double linear = 2.0 * config.line.length * std::tan(2.0 * config.line.min_heading);
-  const bool good = rest > 0.0 && std::abs(left) < config.entry.lateral_left && std::abs(T_goal_base.y) < linear &&
-                    std::abs(heading) < config.entry.max_heading;
+  const bool good = rest > 0.0 && std::abs(left) < share * config.entry.lateral_left &&
+                    std::abs(T_goal_base.y) < linear && std::abs(heading) < share * config.entry.max_heading;
   return {good, text("%.2f m to go, %+.1f mm beside the line, %+.2f deg", rest, 1e3 * T_goal_base.y, degrees(heading))};
 }
 
@@ -361,7 +362,7 @@ Step step_validating(const Validating& now, const Inputs& inputs, const DockingC
       std::abs(wrap_angle(T_goal_base.yaw)) < config.fix.tolerance_yaw) {
     return {Fixing{now.job, inputs.now, {}}, {}, "the robot stands at the dock already"};
   }
-  const EntryCheck entry = entry_check(inputs.estimate->T_station_base, config);
+  const EntryCheck entry = entry_check(now.job, inputs.estimate->T_station_base, config);
   if (entry.good) {
     Servoing servoing;
     servoing.job = now.job;
@@ -384,7 +385,7 @@ Step step_validating(const Validating& now, const Inputs& inputs, const DockingC
 
 Step to_servo(const Following& now, const Inputs& inputs, const DockingConfig& config) {
   const Pose2 T_goal_base = between(goal_of_axle(config), inputs.estimate->T_station_base);
-  const EntryCheck entry = entry_check(inputs.estimate->T_station_base, config);
+  const EntryCheck entry = entry_check(now.job, inputs.estimate->T_station_base, config);
   if (!entry.good) return next_attempt(now.job, {Cause::entry_missed, "the path ended " + entry.found}, inputs, config);
   Servoing servoing;
   servoing.job = now.job;

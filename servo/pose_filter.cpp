@@ -305,9 +305,13 @@ FilterUpdate PoseFilter::fuse(const PlanarSighting& first, const std::optional<P
 
   const double d2 = to_estimate(sighting, sighting.covariance);
   if (!(d2 < config_.gate)) {
-    if (++rejects_ < config_.rejects_until_lost) return {SightingUse::rejected, sighting, d2};
-    forget();
-    return {SightingUse::lost, sighting, d2};
+    if (++rejects_ >= config_.rejects_until_lost) {
+      forget();
+      return {SightingUse::lost, sighting, d2};
+    }
+    // One of the two is wrong; the estimate is believed less from now on (notes on docking, 4.6).
+    for (State& state : states_) state.covariance *= config_.doubt;
+    return {SightingUse::rejected, sighting, d2};
   }
   rejects_ = 0;
 

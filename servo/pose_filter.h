@@ -45,11 +45,13 @@ struct PoseFilterConfig {
   // Drift of odometry in body axes per square root of the driven distance (notes on docking, 4.6).
   double forward_noise = 0.005;   ///< m per sqrt(m)
   double sideways_noise = 0.003;  ///< m per sqrt(m)
-  double yaw_noise = 0.006;       ///< rad per sqrt(m)
-  double turn_noise = 0.04;       ///< share of the angle turned between two readings
-  double gate = 40.0;             ///< largest accepted squared Mahalanobis distance of a sighting, 3 values
-  int rejects_until_lost = 5;     ///< in a row
-  int sightings_to_acquire = 5;   ///< that agree, of the newest `sightings_remembered`, at standstill
+  /// rad per sqrt(m); the notes have 0.006, which scrubbing castors exceed (they push by up to 0.4 rad/m).
+  double yaw_noise = 0.02;
+  double turn_noise = 0.04;      ///< share of the angle turned between two readings
+  double gate = 40.0;            ///< largest accepted squared Mahalanobis distance of a sighting, 3 values
+  int rejects_until_lost = 5;    ///< in a row
+  double doubt = 1.5;            ///< factor on the covariance of the estimate for every reject
+  int sightings_to_acquire = 5;  ///< that agree, of the newest `sightings_remembered`, at standstill
   int sightings_remembered = 7;
   /// Two sightings at standstill agree below this squared Mahalanobis distance ...
   double agreement = 25.0;

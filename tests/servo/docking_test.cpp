@@ -223,7 +223,7 @@ TEST_CASE("ViSP's centring law brings the robot to the dock's distance with the 
 
 TEST_CASE("no tag ever in view: the robot looks around, and fails with that reason") {
   const Fault fault = [](Tick& tick, PlanarWorld&, const Docker&) {
-    if (tick.sighting) tick.sighting = Sighting{Unseen::no_tag};
+    if (tick.sighting) tick.sighting.emplace(Unseen::no_tag);
   };
   const Outcome outcome = docking(1, fault);
   CHECK(name(outcome.phase) == "failed");
@@ -238,7 +238,7 @@ TEST_CASE("no tag ever in view: the robot looks around, and fails with that reas
 
 TEST_CASE("tags of another station are refused by name") {
   const Fault fault = [](Tick& tick, PlanarWorld&, const Docker&) {
-    if (tick.sighting) tick.sighting = Sighting{Unseen::other_tags};
+    if (tick.sighting) tick.sighting.emplace(Unseen::other_tags);
   };
   const Outcome outcome = docking(1, fault);
   CHECK(name(outcome.phase) == "failed");
