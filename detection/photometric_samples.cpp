@@ -43,6 +43,8 @@ double spread(std::vector<double> residuals) {
   return std::max(sum / std::max(count, 1), rounding_variance);
 }
 
+double square(double value) { return value * value; }
+
 double residual_sigmas(const TagSample& sample) {
   if (sample.grey >= highest_grey && sample.modelled >= highest_grey) return 0.0;
   if (sample.grey <= lowest_grey && sample.modelled <= lowest_grey) return 0.0;
@@ -51,6 +53,7 @@ double residual_sigmas(const TagSample& sample) {
 
 /// Pixels nearer to what is beyond the print, in sigmas of the blur, say nothing of the print.
 constexpr double least_from_unknown = 1.0;
+constexpr std::size_t enough_flats = 500;
 /// Borders farther than this, in sigmas of the blur, say nothing that matters of a pixel; still farther ones not even
 /// by their model's tail.
 constexpr double informs = 3.0;
@@ -101,7 +104,8 @@ std::vector<TagSample> select_samples(const cv::Mat1b& gray, const TagImageModel
   const double rim = 0.5 * model.pattern().cells;
   const double reach = normal_reach * blur_px + slack_px;
   const cv::Rect& pixels = region.pixels;
-  int flats = 0;
+  std::vector<TagSample> flats;
+  samples.reserve(static_cast<std::size_t>(pixels.area() / (2 * every * every)));
   for (int row = pixels.y; row < pixels.y + pixels.height; row += every)
     for (int column = pixels.x; column < pixels.x + pixels.width; column += every) {
       const Vector2 at = region.place(region.lens.undistorted({column, row}));
@@ -112,17 +116,22 @@ std::vector<TagSample> select_samples(const cv::Mat1b& gray, const TagImageModel
       TagSample sample;
       if (model.unknown_within_a_module(u, v)) {
         const double scale = 1.0 / (w * region.side_px);
-        const Vector2 modules_per_pixel(std::hypot(p[0] - u * p[6], p[1] - u * p[7]) * scale,
-                                        std::hypot(p[3] - v * p[6], p[4] - v * p[7]) * scale);
+        const Vector2 modules_per_pixel(std::sqrt(square(p[0] - u * p[6]) + square(p[1] - u * p[7])) * scale,
+                                        std::sqrt(square(p[3] - v * p[6]) + square(p[4] - v * p[7])) * scale);
         sample.beyond_px = model.distance_from_unknown({u, v}, modules_per_pixel);
         if (sample.beyond_px < least_from_unknown * blur_px) continue;
       }
       sample.view = model.view(at.x(), at.y(), reach);
       if (sample.view.kind == PixelView::flat) {
-        if (flats++ % 8 != 0) continue;
-      } else if (sample.view.border_px > informs * blur_px + slack_px) {
+        sample.x = at.x();
+        sample.y = at.y();
+        sample.grey = gray(row, column);
+        sample.column = column;
+        sample.row = row;
+        flats.push_back(sample);
         continue;
       }
+      if (sample.view.border_px > informs * blur_px + slack_px) continue;
       sample.x = at.x();
       sample.y = at.y();
       sample.grey = gray(row, column);
@@ -130,18 +139,24 @@ std::vector<TagSample> select_samples(const cv::Mat1b& gray, const TagImageModel
       sample.row = row;
       samples.push_back(sample);
     }
+  // Some hundreds tell the levels and the noise well enough.
+  const std::size_t share = std::max<std::size_t>(1, flats.size() / enough_flats);
+  for (std::size_t i = 0; i < flats.size(); i += share) samples.push_back(flats[i]);
   return samples;
 }
 
 PixelNoise measure_noise(const TagImageModel& model, const std::vector<TagSample>& samples, double side_px) {
+  const A::Vector& p = model.appearance().value;
+  const double blur = std::sqrt(0.5 * (p[A::blur_xx] + p[A::blur_yy]));
   std::vector<double> black;
   std::vector<double> white;
   std::vector<double> all;
   for (const TagSample& sample : samples) {
     if (sample.grey >= highest_grey || sample.grey <= lowest_grey || sample.weight < 0.5) continue;
+    if (sample.beyond_px < normal_reach * blur) continue;
     const double residual = sample.modelled - sample.grey;
     all.push_back(residual);
-    if (sample.leaks || sample.view.kind != PixelView::flat) continue;
+    if (sample.view.kind != PixelView::flat) continue;
     (sample.whiteness < 0.5 ? black : white).push_back(residual);
   }
   // Too few flat pixels (a small tag): all residuals must do. Thirty give the variance to 25 %.
@@ -149,12 +164,11 @@ PixelNoise measure_noise(const TagImageModel& model, const std::vector<TagSample
   const double both = all.empty() ? 1.0 : spread(all);
   const double black_variance = black.size() >= enough ? spread(black) : white.size() >= enough ? spread(white) : both;
   const double white_variance = white.size() >= enough ? spread(white) : black_variance;
-  const A::Vector& p = model.appearance().value;
   PixelNoise noise;
   noise.exponent = p[A::tone];
   noise.white = std::max(white_variance - rounding_variance, 0.0) / stretch(p[A::white], noise.exponent);
   noise.black = std::max(black_variance - rounding_variance, 0.0) / stretch(p[A::white] - p[A::drop], noise.exponent);
-  noise.blur_px = std::sqrt(0.5 * (p[A::blur_xx] + p[A::blur_yy]));
+  noise.blur_px = blur;
   noise.contrast = p[A::drop];
   noise.side_px = side_px;
   return noise;

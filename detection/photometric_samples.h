@@ -29,7 +29,7 @@ struct TagRegion {
 /// Sigma of the edges' spread [px], from the steepest slope along normals of the sides: a start value.
 double start_blur(const cv::Mat1b& gray, const Corners& corners_px);
 
-/// The pixels that the model explains: those on borders, one in eight of the flat ones, and of what surrounds the print
+/// The pixels that the model explains: those on borders, some hundreds of the flat ones, and of what surrounds the print
 /// only what its margin makes sure.
 /// @param every    takes every so many-th column and row
 /// @param slack_px how far borders may still move
