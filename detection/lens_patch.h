@@ -24,6 +24,10 @@ class LensPatch {
   static std::optional<LensPatch> make(const std::optional<CameraModel>& camera, const Eigen::Vector2d& low,
                                        const Eigen::Vector2d& high);
 
+  [[nodiscard]] Eigen::Vector2d undistorted(const Eigen::Vector2d& pixel) const {
+    return camera_ ? at(pixel).undistorted : pixel;
+  }
+
   [[nodiscard]] Place at(const Eigen::Vector2d& pixel) const;
 
   /// The pixel that an undistorted pixel is seen at.

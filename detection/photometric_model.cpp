@@ -4,14 +4,15 @@
 #include <cassert>
 #include <cmath>
 #include <numbers>
-
-#include "detection/normal_distribution.h"
+#include <utility>
 
 namespace tagdock {
 namespace {
 
-/// Most grid lines that one pixel may see in one direction; no family has more.
-constexpr int most_lines = 12;
+using A = TagAppearance;
+
+/// Grid lines in one direction, the print's own rims included; no family has more.
+constexpr std::size_t most_lines = 13;
 
 /// Unknown cells take the colour of a known neighbour: no border is drawn against them.
 std::vector<std::int8_t> filled(const TagPattern& pattern) {
@@ -39,12 +40,19 @@ std::vector<std::int8_t> filled(const TagPattern& pattern) {
 
 }  // namespace
 
-TagImageModel::TagImageModel(const TagPattern& pattern, double side_px)
-    : pattern_(pattern), side_px_(side_px), middle_(0.5 * pattern.cells), cells_(filled(pattern)) {
+TagImageModel::TagImageModel(const TagPattern& pattern, double side_px, const Lens& lens)
+    : pattern_(pattern), side_px_(side_px), lens_(lens), middle_(0.5 * pattern.cells), cells_(filled(pattern)) {
   const int n = pattern.cells;
-  assert(n < most_lines);
-  for (auto& lines : lines_) lines.resize(static_cast<std::size_t>(n) + 1);
-  vertices_.resize(static_cast<std::size_t>((n + 1) * (n + 1)));
+  assert(n < static_cast<int>(most_lines));
+  for (int row = 0; row < n; ++row)
+    for (int column = 0; column < n; ++column) {
+      bool beside = false;
+      for (int y = row - 1; y <= row + 1; ++y)
+        for (int x = column - 1; x <= column + 1; ++x)
+          beside = beside || x < 0 || y < 0 || x >= n || y >= n || pattern.at(x, y) == TagPattern::unknown;
+      beside_unknown_.push_back(beside);
+    }
+  for (auto& vertices : vertices_) vertices.resize(static_cast<std::size_t>((n + 1) * (n + 1)));
   for (int j = 1; j < n; ++j)
     for (int i = 1; i < n; ++i) {
       const int top = cell(i, j - 1) - cell(i - 1, j - 1);
@@ -52,18 +60,24 @@ TagImageModel::TagImageModel(const TagPattern& pattern, double side_px)
       const int left = cell(i - 1, j) - cell(i - 1, j - 1);
       const int right = cell(i, j) - cell(i, j - 1);
       const int sign = bottom - top;
-      auto& [first, second] = vertices_[static_cast<std::size_t>(j * (n + 1) + i)];
-      const auto side = [](int step) { return step > 0 ? 1 : 0; };
-      // One corner of the area where three cells are alike; two, moved apart by the ink, where only opposite ones are.
+      if (sign == 0) continue;
+      const auto vertex = [sign](int along_u, int along_v) {
+        Vertex result;
+        result.sign = sign > 0 ? 1 : -1;
+        result.side_u = along_u > 0 ? 1 : 0;
+        result.side_v = along_v > 0 ? 1 : 0;
+        return result;
+      };
       if (std::abs(sign) == 1) {
-        first = {sign, side(top + bottom), side(left + right)};
-      } else if (sign == 2) {
-        first = {1, side(bottom), side(right)};
-        second = {1, side(top), side(left)};
-      } else if (sign == -2) {
-        first = {-1, side(top), side(right)};
-        second = {-1, side(bottom), side(left)};
+        for (auto& vertices : vertices_) vertices[node(i, j)][0] = vertex(top + bottom, left + right);
+        continue;
       }
+      // Opposite cells are alike. Apart, the white ones are two quarter planes below right and above left (sign 2), or
+      // above right and below left (sign -2); apart, the black ones are the other two.
+      const std::array<Vertex, 2> falling = {vertex(bottom, right), vertex(top, left)};
+      const std::array<Vertex, 2> rising = {vertex(top, right), vertex(bottom, left)};
+      vertices_[0][node(i, j)] = sign > 0 ? falling : rising;
+      vertices_[1][node(i, j)] = sign > 0 ? rising : falling;
     }
 }
 
@@ -81,222 +95,463 @@ Eigen::Vector2d TagImageModel::to_tag(double x, double y) const {
 void TagImageModel::set(const TagAppearance& appearance) {
   appearance_ = appearance;
   const auto& g = appearance_.value;
-  for (int direction = 0; direction < 2; ++direction)
-    for (int i = 0; i <= pattern_.cells; ++i)
+  Eigen::Matrix2d blur;
+  blur << g[A::blur_xx], g[A::blur_xy], g[A::blur_xy], g[A::blur_yy];
+  const bool bent = !(lens_.by_x.isZero(0.0) && lens_.by_y.isZero(0.0));
+  for (std::size_t direction = 0; direction < 2; ++direction)
+    for (int i = 1; i < pattern_.cells; ++i)
       for (int side = 0; side < 2; ++side) {
-        Line& line =
-            lines_[static_cast<std::size_t>(direction)][static_cast<std::size_t>(i)][static_cast<std::size_t>(side)];
-        line.place = i - middle_ + (side == 1 ? g[TagAppearance::bleed] : -g[TagAppearance::bleed]);
-        const int row = 3 * direction;
+        Line& line = lines_[direction][static_cast<std::size_t>(i)][static_cast<std::size_t>(side)];
+        line.place = i - middle_ + (side == 1 ? g[A::bleed] : -g[A::bleed]);
+        const Eigen::Index row = direction == 0 ? 0 : 3;
         line.a = g[row] - line.place * g[6];
         line.b = g[row + 1] - line.place * g[7];
         line.c = g[row + 2] - line.place;
-        const double length2 = line.a * line.a + line.b * line.b;
-        const double nx2 = line.a * line.a / length2;
-        const double ny2 = line.b * line.b / length2;
-        const double variance = g[TagAppearance::blur_xx] * nx2 + g[TagAppearance::blur_yy] * ny2 +
-                                2.0 * g[TagAppearance::blur_xy] * line.a * line.b / length2;
-        line.fourth = -(nx2 * nx2 + ny2 * ny2) / (2880.0 * variance * variance);
+        const Eigen::RowVector2d ab(line.a, line.b);
+        const Eigen::RowVector2d n = ab * lens_.centre / side_px_;
+        const Eigen::RowVector2d blurred = n * blur;
+        const double variance = blurred.dot(n);
+        line.nx = n.x();
+        line.ny = n.y();
+        line.unit = 1.0 / std::sqrt(variance);
+        line.per_px = 1.0 / n.norm();
+        const Eigen::RowVector2d by_ab = blurred * lens_.centre.transpose() / side_px_;
+        line.ba = by_ab.x();
+        line.bb = by_ab.y();
+        if (bent) {  // d(1/sqrt(variance)), to first order over the tag
+          const double scale = -line.unit * line.unit * line.unit / side_px_;
+          line.unit_x = scale * blurred.dot(ab * lens_.by_x);
+          line.unit_y = scale * blurred.dot(ab * lens_.by_y);
+        }
+        const Eigen::RowVector2d direction_px = n * line.per_px;
+        const double sigma2 = variance * line.per_px * line.per_px;
+        const double fourth_powers = std::pow(direction_px.x(), 4) + std::pow(direction_px.y(), 4);
+        line.fourth = -fourth_powers / (2880.0 * sigma2 * sigma2);
+      }
+  auto& vertices = vertices_[g[A::bleed] >= 0.0 ? 0 : 1];
+  for (int j = 1; j < pattern_.cells; ++j)
+    for (int i = 1; i < pattern_.cells; ++i)
+      for (Vertex& vertex : vertices[node(i, j)]) {
+        if (vertex.sign == 0) continue;
+        const Line& a = lines_[0][static_cast<std::size_t>(i)][static_cast<std::size_t>(vertex.side_u)];
+        const Line& b = lines_[1][static_cast<std::size_t>(j)][static_cast<std::size_t>(vertex.side_v)];
+        const double product = Eigen::RowVector2d(a.nx, a.ny) * blur * Eigen::Vector2d(b.nx, b.ny);
+        vertex.correlation = std::clamp(product * a.unit * b.unit, -0.999, 0.999);
+        vertex.integral = BivariateNormal(vertex.correlation);
       }
 }
 
-ModelledPixel TagImageModel::at(const TagPixel& pixel) const {
-  const auto& g = appearance_.value;
-  const double sxx = g[TagAppearance::blur_xx];
-  const double sxy = g[TagAppearance::blur_xy];
-  const double syy = g[TagAppearance::blur_yy];
-  const double x = pixel.x;
-  const double y = pixel.y;
-  const double w = g[6] * x + g[7] * y + 1.0;
-  const double u = (g[0] * x + g[1] * y + g[2]) / w;
-  const double v = (g[3] * x + g[4] * y + g[5]) / w;
+PixelView TagImageModel::view(double x, double y, double reach_px) const {
+  PixelView view;
+  const Eigen::Vector2d place = to_tag(x, y);
   const int cells = pattern_.cells;
+  for (std::size_t direction = 0; direction < 2; ++direction) {
+    const double at = place[static_cast<Eigen::Index>(direction)] + middle_;
+    const int here = static_cast<int>(std::clamp(at, 0.0, cells - 1.0));
+    const auto reached = [&](int i) {
+      const Line& line = lines_[direction][static_cast<std::size_t>(i)][0];
+      return std::abs((line.a * x + line.b * y + line.c) * line.per_px) < reach_px;
+    };
+    int first = here + 1;
+    int last = here;
+    while (first > 1 && reached(first - 1)) --first;
+    while (last + 1 < cells && reached(last + 1)) ++last;
+    view.first[direction] = static_cast<std::int8_t>(first);
+    view.last[direction] = static_cast<std::int8_t>(last);
+  }
+  const int column = view.first[0] - 1;
+  const int row = view.first[1] - 1;
+  view.white = static_cast<std::int8_t>(cell(column, row));
+  int steps = 0;
+  bool corners = false;
+  const auto border = [&](std::size_t direction, int i) {
+    const Line& line = lines_[direction][static_cast<std::size_t>(i)][0];
+    view.border_px = std::min(view.border_px, std::abs((line.a * x + line.b * y + line.c) * line.per_px));
+  };
+  const auto count = [&](std::size_t direction, int i, int step) {
+    if (step == 0) return;
+    ++steps;
+    view.direction = static_cast<std::int8_t>(direction);
+    view.index = static_cast<std::int8_t>(i);
+    view.step = static_cast<std::int8_t>(step);
+    border(direction, i);
+  };
+  for (int i = view.first[0]; i <= view.last[0]; ++i) count(0, i, cell(i, row) - cell(i - 1, row));
+  for (int j = view.first[1]; j <= view.last[1]; ++j) count(1, j, cell(column, j) - cell(column, j - 1));
+  for (int j = view.first[1]; j <= view.last[1]; ++j)
+    for (int i = view.first[0]; i <= view.last[0]; ++i) {
+      if (vertices_[0][node(i, j)][0].sign == 0) continue;
+      corners = true;
+      border(0, i);
+      border(1, j);
+    }
+  view.kind = corners || steps > 1 ? PixelView::general : steps == 1 ? PixelView::line : PixelView::flat;
+  return view;
+}
 
-  /// A line as this pixel sees it through the blur.
+namespace {
+
+/// A border through the blur and the pixel's box, and its derivative by the distance in units of the blur.
+struct Step {
+  double value, slope;
+};
+
+Step boxed(const Normal& gauss, double z, double fourth) {
+  const double z2 = z * z;
+  return {gauss.cumulative - fourth * z * (z2 - 3.0) * gauss.density,
+          gauss.density * (1.0 + fourth * (z2 * (z2 - 6.0) + 3.0))};
+}
+
+/// The tone curve: grey value and its derivative by the light. Light below a thousandth of a grey level is held there,
+/// where a power has no derivative.
+struct Toned {
+  double grey, by_light, by_exponent;
+};
+
+Toned toned(double light, double exponent) {
+  if (exponent == 1.0) {
+    // Only the score test looks at the exponent's derivative here: light ln(light/255) from a table of whole levels.
+    static const std::array<double, 257> slopes = [] {
+      std::array<double, 257> table{};
+      for (std::size_t i = 1; i < table.size(); ++i)
+        table[i] = static_cast<double>(i) * std::log(static_cast<double>(i) / 255.0);
+      return table;
+    }();
+    const double held = std::clamp(light, 0.0, 255.0);
+    const auto index = static_cast<std::size_t>(held);
+    return {light, 1.0, slopes[index] + (held - static_cast<double>(index)) * (slopes[index + 1] - slopes[index])};
+  }
+  const double share = std::max(light, 1e-3) / 255.0;
+  const double logarithm = std::log(share);
+  const double grey = 255.0 * std::exp(exponent * logarithm);
+  return {grey, exponent * grey / (255.0 * share), grey * logarithm};
+}
+
+}  // namespace
+
+ModelledPixel TagImageModel::at(double x, double y, const PixelView& view) const {
+  const auto& g = appearance_.value;
+  const auto& vertices = vertices_[g[A::bleed] >= 0.0 ? 0 : 1];
+  double r = view.white;
+  std::array<double, 3> by_u{};  // d(r)/d(row of u in the homography)
+  std::array<double, 3> by_v{};
+  std::array<double, 2> by_w{};
+  std::array<double, 3> by_blur{};
+  double by_bleed = 0.0;
   struct Seen {
-    const Line* line = nullptr;
-    double z = 0.0, inverse = 0.0;  ///< distance in units of the blur across the line; 1 / that unit
-    double nx = 0.0, ny = 0.0;      ///< gradient of the line's value by image pixels
-    double ba = 0.0, bb = 0.0;      ///< d(unit^2)/d(a, b) / 2
+    double z = 0.0, unit = 0.0;
+    Normal gauss{};
+    Step step{};
   };
   const auto see = [&](const Line& line) {
     Seen seen;
-    seen.line = &line;
-    seen.nx = (line.a * pixel.xx + line.b * pixel.yx) / side_px_;
-    seen.ny = (line.a * pixel.xy + line.b * pixel.yy) / side_px_;
-    const double tx = sxx * seen.nx + sxy * seen.ny;
-    const double ty = sxy * seen.nx + syy * seen.ny;
-    seen.inverse = 1.0 / std::sqrt(seen.nx * tx + seen.ny * ty);
-    seen.z = (line.a * x + line.b * y + line.c) * seen.inverse;
-    seen.ba = (tx * pixel.xx + ty * pixel.xy) / side_px_;
-    seen.bb = (tx * pixel.yx + ty * pixel.yy) / side_px_;
+    seen.unit = line.unit + line.unit_x * x + line.unit_y * y;
+    seen.z = (line.a * x + line.b * y + line.c) * seen.unit;
+    seen.gauss = normal(seen.z);
+    seen.step = boxed(seen.gauss, seen.z, line.fourth);
     return seen;
   };
-
-  // The lines within reach, in both directions; the cells above and left of them all.
-  std::array<std::array<std::array<Seen, 2>, most_lines>, 2> seen;
-  std::array<int, 2> first{};
-  std::array<int, 2> last{};
-  for (std::size_t direction = 0; direction < 2; ++direction) {
-    const double place = direction == 0 ? u : v;
-    const int here = static_cast<int>(std::clamp(std::floor(place + middle_), -1.0, static_cast<double>(cells)));
-    first[direction] = std::clamp(here + 1, 1, cells);
-    last[direction] = first[direction] - 1;
-    const auto reached = [&](int i) {
-      const auto& pair = lines_[direction][static_cast<std::size_t>(i)];
-      std::array<Seen, 2> both = {see(pair[0]), see(pair[1])};
-      if (both[0].z < -normal_reach && both[1].z < -normal_reach) return false;
-      if (both[0].z > normal_reach && both[1].z > normal_reach) return false;
-      seen[direction][static_cast<std::size_t>(i)] = both;
-      return true;
-    };
-    for (int i = first[direction] - 1; i >= 1 && reached(i); --i) first[direction] = i;
-    for (int i = last[direction] + 1; i < cells && reached(i); ++i) last[direction] = i;
-  }
-
-  ModelledPixel result;
-  result.by.setZero();
-  double r = cell(first[0] - 1, first[1] - 1);
-  Eigen::Vector3d by_u = Eigen::Vector3d::Zero();  // d(r)/d(row of u in the homography)
-  Eigen::Vector3d by_v = Eigen::Vector3d::Zero();
-  Eigen::Vector2d by_w = Eigen::Vector2d::Zero();
-  Eigen::Vector3d by_blur = Eigen::Vector3d::Zero();
-  double by_bleed = 0.0;
-  const auto add_by_z = [&](const Seen& line, bool along_u, int side, double by_z) {
-    const double scale = by_z * line.inverse;
-    const double shrink = line.z * line.inverse;
-    const Eigen::Vector3d by_line(scale * (x - shrink * line.ba), scale * (y - shrink * line.bb), scale);
-    (along_u ? by_u : by_v) += by_line;
-    by_w -= line.line->place * by_line.head<2>();
-    const double by_place = -(by_line[0] * g[6] + by_line[1] * g[7] + by_line[2]);
-    by_bleed += side == 1 ? by_place : -by_place;
-    const double by_variance = -0.5 * by_z * line.z * line.inverse * line.inverse;
-    by_blur += by_variance * Eigen::Vector3d(line.nx * line.nx, 2.0 * line.nx * line.ny, line.ny * line.ny);
-  };
-  struct Step {
-    double value, slope;
-  };
-  const auto boxed = [](const Normal& gauss, double z, double fourth) {
-    const double z2 = z * z;
-    return Step{gauss.cumulative - fourth * z * (z2 - 3.0) * gauss.density,
-                gauss.density * (1.0 + fourth * (z2 * (z2 - 6.0) + 3.0))};
+  const auto add_by_z = [&](const Line& line, const Seen& seen, std::array<double, 3>& by, bool higher, double by_z) {
+    const double scale = by_z * seen.unit;
+    const double shrink = seen.z * line.unit;
+    const double da = scale * (x - shrink * line.ba);
+    const double db = scale * (y - shrink * line.bb);
+    by[0] += da;
+    by[1] += db;
+    by[2] += scale;
+    by_w[0] -= line.place * da;
+    by_w[1] -= line.place * db;
+    const double by_place = -(da * g[6] + db * g[7] + scale);
+    by_bleed += higher ? by_place : -by_place;
+    const double by_variance = -0.5 * scale * seen.z * line.unit;
+    by_blur[0] += by_variance * line.nx * line.nx;
+    by_blur[1] += by_variance * 2.0 * line.nx * line.ny;
+    by_blur[2] += by_variance * line.ny * line.ny;
   };
   const auto add_step = [&](std::size_t direction, int i, int step) {
     if (step == 0) return;
-    const int side = step > 0 ? 1 : 0;
-    const Seen& line = seen[direction][static_cast<std::size_t>(i)][static_cast<std::size_t>(side)];
-    const Step edge = boxed(normal(line.z), line.z, line.line->fourth);
-    r += step * edge.value;
-    add_by_z(line, direction == 0, side, step * edge.slope);
+    const Line& line = lines_[direction][static_cast<std::size_t>(i)][step > 0 ? 1 : 0];
+    const Seen seen = see(line);
+    r += step * seen.step.value;
+    if (seen.gauss.density > 0.0) add_by_z(line, seen, direction == 0 ? by_u : by_v, step > 0, step * seen.step.slope);
   };
-  for (int i = first[0]; i <= last[0]; ++i) add_step(0, i, cell(i, first[1] - 1) - cell(i - 1, first[1] - 1));
-  for (int j = first[1]; j <= last[1]; ++j) add_step(1, j, cell(first[0] - 1, j) - cell(first[0] - 1, j - 1));
-  for (int j = first[1]; j <= last[1]; ++j)
-    for (int i = first[0]; i <= last[0]; ++i)
-      for (const Vertex& vertex : vertices_[static_cast<std::size_t>(j * (cells + 1) + i)]) {
-        if (vertex.sign == 0) continue;
-        const Seen& a = seen[0][static_cast<std::size_t>(i)][static_cast<std::size_t>(vertex.side_u)];
-        const Seen& b = seen[1][static_cast<std::size_t>(j)][static_cast<std::size_t>(vertex.side_v)];
-        if (a.z < -normal_reach || b.z < -normal_reach) continue;
-        const double scale = a.inverse * b.inverse;
-        const double correlation = std::clamp(
-            (sxx * a.nx * b.nx + sxy * (a.nx * b.ny + a.ny * b.nx) + syy * a.ny * b.ny) * scale, -0.999, 0.999);
-        const Normal2 corner = normal2(a.z, b.z, correlation);
-        const Normal na = normal(a.z);
-        const Normal nb = normal(b.z);
-        const Step sa = boxed(na, a.z, a.line->fourth);
-        const Step sb = boxed(nb, b.z, b.line->fourth);
-        const double more_a = sa.value - na.cumulative;
-        const double more_b = sb.value - nb.cumulative;
-        r += vertex.sign * (corner.cumulative + more_a * nb.cumulative + more_b * na.cumulative);
-        add_by_z(a, true, vertex.side_u,
-                 vertex.sign * (corner.by_p + (sa.slope - na.density) * nb.cumulative + more_b * na.density));
-        add_by_z(b, false, vertex.side_v,
-                 vertex.sign * (corner.by_q + (sb.slope - nb.density) * na.cumulative + more_a * nb.density));
+  const int column = view.first[0] - 1;
+  const int row = view.first[1] - 1;
+  for (int i = view.first[0]; i <= view.last[0]; ++i) add_step(0, i, cell(i, row) - cell(i - 1, row));
+  for (int j = view.first[1]; j <= view.last[1]; ++j) add_step(1, j, cell(column, j) - cell(column, j - 1));
+  for (int j = view.first[1]; j <= view.last[1]; ++j)
+    for (int i = view.first[0]; i <= view.last[0]; ++i)
+      for (const Vertex& vertex : vertices[node(i, j)]) {
+        if (vertex.sign == 0) break;
+        const Line& line_a = lines_[0][static_cast<std::size_t>(i)][static_cast<std::size_t>(vertex.side_u)];
+        const Line& line_b = lines_[1][static_cast<std::size_t>(j)][static_cast<std::size_t>(vertex.side_v)];
+        const Seen a = see(line_a);
+        if (a.z <= -normal_reach) continue;
+        const Seen b = see(line_b);
+        if (b.z <= -normal_reach) continue;
+        if (a.z >= normal_reach || b.z >= normal_reach) {  // only the other border is near
+          r += vertex.sign * (a.z >= normal_reach ? b.step.value : a.step.value);
+          if (a.z < normal_reach) add_by_z(line_a, a, by_u, vertex.side_u == 1, vertex.sign * a.step.slope);
+          if (b.z < normal_reach) add_by_z(line_b, b, by_v, vertex.side_v == 1, vertex.sign * b.step.slope);
+          continue;
+        }
+        const Normal2 corner = vertex.integral.at(a.z, a.gauss, b.z, b.gauss);
+        const double more_a = a.step.value - a.gauss.cumulative;
+        const double more_b = b.step.value - b.gauss.cumulative;
+        r += vertex.sign * (corner.cumulative + more_a * b.gauss.cumulative + more_b * a.gauss.cumulative);
+        add_by_z(line_a, a, by_u, vertex.side_u == 1,
+                 vertex.sign *
+                     (corner.by_p + (a.step.slope - a.gauss.density) * b.gauss.cumulative + more_b * a.gauss.density));
+        add_by_z(line_b, b, by_v, vertex.side_v == 1,
+                 vertex.sign *
+                     (corner.by_q + (b.step.slope - b.gauss.density) * a.gauss.cumulative + more_a * b.gauss.density));
         const double by_correlation = vertex.sign * corner.density;
-        const double half = 0.5 * correlation;
-        const double ia2 = a.inverse * a.inverse;
-        const double ib2 = b.inverse * b.inverse;
-        by_blur +=
-            by_correlation *
-            Eigen::Vector3d(a.nx * b.nx * scale - half * (a.nx * a.nx * ia2 + b.nx * b.nx * ib2),
-                            (a.nx * b.ny + a.ny * b.nx) * scale - correlation * (a.nx * a.ny * ia2 + b.nx * b.ny * ib2),
-                            a.ny * b.ny * scale - half * (a.ny * a.ny * ia2 + b.ny * b.ny * ib2));
-        const Eigen::Vector2d by_a = by_correlation * Eigen::Vector2d(b.ba * scale - correlation * a.ba * ia2,
-                                                                      b.bb * scale - correlation * a.bb * ia2);
-        const Eigen::Vector2d by_b = by_correlation * Eigen::Vector2d(a.ba * scale - correlation * b.ba * ib2,
-                                                                      a.bb * scale - correlation * b.bb * ib2);
-        by_u.head<2>() += by_a;
-        by_v.head<2>() += by_b;
-        by_w -= a.line->place * by_a + b.line->place * by_b;
-        result.node += std::exp(-0.5 * (a.z * a.z + b.z * b.z));
+        const double both = line_a.unit * line_b.unit;
+        const double ca = vertex.correlation * line_a.unit * line_a.unit;
+        const double cb = vertex.correlation * line_b.unit * line_b.unit;
+        by_blur[0] += by_correlation *
+                      (line_a.nx * line_b.nx * both - 0.5 * (ca * line_a.nx * line_a.nx + cb * line_b.nx * line_b.nx));
+        by_blur[1] += by_correlation * ((line_a.nx * line_b.ny + line_a.ny * line_b.nx) * both -
+                                        (ca * line_a.nx * line_a.ny + cb * line_b.nx * line_b.ny));
+        by_blur[2] += by_correlation *
+                      (line_a.ny * line_b.ny * both - 0.5 * (ca * line_a.ny * line_a.ny + cb * line_b.ny * line_b.ny));
+        const double aa = by_correlation * (line_b.ba * both - ca * line_a.ba);
+        const double ab = by_correlation * (line_b.bb * both - ca * line_a.bb);
+        const double ba = by_correlation * (line_a.ba * both - cb * line_b.ba);
+        const double bb = by_correlation * (line_a.bb * both - cb * line_b.bb);
+        by_u[0] += aa;
+        by_u[1] += ab;
+        by_v[0] += ba;
+        by_v[1] += bb;
+        by_w[0] -= line_a.place * aa + line_b.place * ba;
+        by_w[1] -= line_a.place * ab + line_b.place * bb;
       }
 
   const double drop = g[11] + g[12] * x + g[13] * y;
   const double black = 1.0 - r;
+  ModelledPixel result;
   result.whiteness = r;
   result.light = g[8] + g[9] * x + g[10] * y - drop * black;
-  auto& by = result.by;
-  by.segment<3>(0) = drop * by_u;
-  by.segment<3>(3) = drop * by_v;
-  by.segment<2>(6) = drop * by_w;
-  by.segment<3>(8) = Eigen::Vector3d(1.0, x, y);
-  by.segment<3>(11) = -black * Eigen::Vector3d(1.0, x, y);
-  by.segment<3>(14) = drop * by_blur;
-  by[TagAppearance::bleed] = drop * by_bleed;
-  // The tone curve; light below a thousandth of a grey level is held there, where a power has no derivative.
-  const double exponent = g[TagAppearance::tone];
-  const double share = std::max(result.light, 1e-3) / 255.0;
-  if (exponent == 1.0) {
-    result.grey = result.light;
-    by[TagAppearance::tone] = result.light * std::log(share);
-  } else {
-    result.grey = 255.0 * std::pow(share, exponent);
-    by *= exponent * result.grey / (255.0 * share);
-    by[TagAppearance::tone] = result.grey * std::log(share);
-  }
+  const Toned tone = toned(result.light, g[A::tone]);
+  result.grey = tone.grey;
+  const double scale = tone.by_light * drop;
+  const double dark = -tone.by_light * black;
+  result.by << scale * by_u[0], scale * by_u[1], scale * by_u[2], scale * by_v[0], scale * by_v[1], scale * by_v[2],
+      scale * by_w[0], scale * by_w[1], tone.by_light, tone.by_light * x, tone.by_light * y, dark, dark * x, dark * y,
+      scale * by_blur[0], scale * by_blur[1], scale * by_blur[2], scale * by_bleed, tone.by_exponent;
   return result;
 }
 
-bool TagImageModel::near_border(const TagPixel& pixel, double reach_px) const {
-  const Eigen::Vector2d place = to_tag(pixel.x, pixel.y);
-  const int column = static_cast<int>(std::floor(place.x() + middle_));
-  const int row = static_cast<int>(std::floor(place.y() + middle_));
-  const auto distance = [&](const Line& line) {
-    const double nx = (line.a * pixel.xx + line.b * pixel.yx) / side_px_;
-    const double ny = (line.a * pixel.xy + line.b * pixel.yy) / side_px_;
-    return std::abs(line.a * pixel.x + line.b * pixel.y + line.c) / std::hypot(nx, ny);
+namespace {
+
+/// Sums over pixels that see one border only: their derivatives span four directions of the geometry and seven of the
+/// light, so that 77 products a pixel do instead of 190.
+struct BorderSum {
+  std::array<double, 10> geometry{};  ///< lower triangle, row by row
+  std::array<std::array<double, 7>, 4> cross{};
+  std::array<double, 4> gradient{};
+  bool used = false;
+};
+
+/// The same of the light alone, for all pixels that see one border or none.
+struct LightSum {
+  std::array<double, 28> light{};
+  std::array<double, 7> gradient{};
+};
+
+}  // namespace
+
+Equations TagImageModel::equations(std::vector<TagSample>& samples, Sum sum, std::size_t stride,
+                                   const PixelNoise* noise) const {
+  const auto& g = appearance_.value;
+  const double exponent = g[A::tone];
+  Equations result;
+  std::array<std::array<std::array<BorderSum, 2>, most_lines>, 2> borders;
+  LightSum lights;
+  const auto add_light = [&](const std::array<double, 7>& by, double slope, double curvature) {
+    std::size_t k = 0;
+    for (std::size_t i = 0; i < 7; ++i) {
+      const double scaled = curvature * by[i];
+      for (std::size_t j = 0; j <= i; ++j) lights.light[k++] += scaled * by[j];
+      lights.gradient[i] += slope * by[i];
+    }
   };
-  std::array<int, 2> first = {column + 1, row + 1};
-  std::array<int, 2> last = {column, row};
-  for (std::size_t direction = 0; direction < 2; ++direction) {
-    const auto reached = [&](int i) {
-      return i >= 0 && i <= pattern_.cells && distance(lines_[direction][static_cast<std::size_t>(i)][0]) < reach_px;
-    };
-    while (reached(first[direction] - 1)) --first[direction];
-    while (reached(last[direction] + 1)) ++last[direction];
+  for (std::size_t s = 0; s < samples.size(); s += stride) {
+    TagSample& sample = samples[s];
+    const double x = sample.x;
+    const double y = sample.y;
+    if (sample.view.kind == PixelView::general) {
+      const ModelledPixel at = this->at(x, y, sample.view);
+      sample.modelled = at.grey;
+      sample.light = at.light;
+      sample.whiteness = at.whiteness;
+      if (noise) noise->apply(sample);
+      if (sample.weight == 0.0) continue;
+      const Misfit fit = misfit(at.grey, sample.grey, sample.variance);
+      result.cost += sample.weight * fit.cost;
+      const double slope = sample.weight * fit.slope;
+      const double curvature = sum == Sum::information ? sample.weight * fit.curvature : slope * slope;
+      for (Eigen::Index i = 0; i < A::count; ++i) {
+        const double scaled = curvature * at.by[i];
+        for (Eigen::Index j = 0; j <= i; ++j) result.hessian(j, i) += scaled * at.by[j];
+        result.gradient[i] += slope * at.by[i];
+      }
+      continue;
+    }
+    double r = sample.view.white;
+    double z = 0.0;
+    double unit = 0.0;
+    double by_z = 0.0;
+    if (sample.view.kind == PixelView::line) {
+      const Line& line = lines_[static_cast<std::size_t>(sample.view.direction)]
+                               [static_cast<std::size_t>(sample.view.index)][sample.view.step > 0 ? 1 : 0];
+      unit = line.unit + line.unit_x * x + line.unit_y * y;
+      z = (line.a * x + line.b * y + line.c) * unit;
+      const Step step = boxed(normal(z), z, line.fourth);
+      r += sample.view.step * step.value;
+      by_z = sample.view.step * step.slope;
+    }
+    const double drop = g[11] + g[12] * x + g[13] * y;
+    const double black = 1.0 - r;
+    sample.whiteness = r;
+    sample.light = g[8] + g[9] * x + g[10] * y - drop * black;
+    const Toned tone = toned(sample.light, exponent);
+    sample.modelled = tone.grey;
+    if (noise) noise->apply(sample);
+    if (sample.weight == 0.0) continue;
+    const Misfit fit = misfit(tone.grey, sample.grey, sample.variance);
+    result.cost += sample.weight * fit.cost;
+    const double slope = sample.weight * fit.slope;
+    const double curvature = sum == Sum::information ? sample.weight * fit.curvature : slope * slope;
+    const double dark = -tone.by_light * black;
+    const std::array<double, 7> by_light = {tone.by_light, tone.by_light * x, tone.by_light * y, dark,
+                                            dark * x,      dark * y,          tone.by_exponent};
+    add_light(by_light, slope, curvature);
+    if (by_z == 0.0) continue;
+    BorderSum& border = borders[static_cast<std::size_t>(sample.view.direction)]
+                               [static_cast<std::size_t>(sample.view.index)][sample.view.step > 0 ? 1 : 0];
+    border.used = true;
+    const double f = tone.by_light * drop * by_z * unit;
+    const std::array<double, 4> by = {f * x, f * y, f, f * z};
+    std::size_t k = 0;
+    for (std::size_t i = 0; i < 4; ++i) {
+      const double scaled = curvature * by[i];
+      for (std::size_t j = 0; j <= i; ++j) border.geometry[k++] += scaled * by[j];
+      for (std::size_t j = 0; j < 7; ++j) border.cross[i][j] += scaled * by_light[j];
+      border.gradient[i] += slope * by[i];
+    }
   }
-  const int here = cell(column, row);
-  for (int j = first[1] - 1; j <= last[1]; ++j)
-    for (int i = first[0] - 1; i <= last[0]; ++i)
-      if (cell(i, j) != here) return true;
-  return false;
+  // From the sums' own directions to the parameters.
+  static constexpr std::array<Eigen::Index, 7> light_parameters = {8, 9, 10, 11, 12, 13, A::tone};
+  auto& h = result.hessian;
+  h.triangularView<Eigen::StrictlyLower>() = h.transpose();
+  std::size_t k = 0;
+  for (std::size_t i = 0; i < 7; ++i) {
+    result.gradient[light_parameters[i]] += lights.gradient[i];
+    for (std::size_t j = 0; j <= i; ++j, ++k) {
+      h(light_parameters[i], light_parameters[j]) += lights.light[k];
+      if (i != j) h(light_parameters[j], light_parameters[i]) += lights.light[k];
+    }
+  }
+  for (std::size_t direction = 0; direction < 2; ++direction)
+    for (std::size_t i = 0; i < most_lines; ++i)
+      for (std::size_t side = 0; side < 2; ++side) {
+        const BorderSum& border = borders[direction][i][side];
+        if (!border.used) continue;
+        const Line& line = lines_[direction][i][side];
+        const Eigen::Index row = direction == 0 ? 0 : 3;
+        const std::array<Eigen::Index, 9> parameters = {row,        row + 1,    row + 2,    6,       7,
+                                                        A::blur_xx, A::blur_xy, A::blur_yy, A::bleed};
+        const Eigen::RowVector4d by_a(1.0, 0.0, 0.0, -line.ba * line.unit);
+        const Eigen::RowVector4d by_b(0.0, 1.0, 0.0, -line.bb * line.unit);
+        const Eigen::RowVector4d by_c(0.0, 0.0, 1.0, 0.0);
+        const Eigen::RowVector4d by_variance(0.0, 0.0, 0.0, -0.5 * line.unit);
+        Eigen::Matrix<double, 9, 4> by;
+        by << by_a, by_b, by_c, -line.place * by_a, -line.place * by_b, line.nx * line.nx * by_variance,
+            2.0 * line.nx * line.ny * by_variance, line.ny * line.ny * by_variance,
+            (side == 1 ? -1.0 : 1.0) * (g[6] * by_a + g[7] * by_b + by_c);
+        Eigen::Matrix4d geometry;
+        k = 0;
+        for (Eigen::Index m = 0; m < 4; ++m)
+          for (Eigen::Index n = 0; n <= m; ++n) geometry(m, n) = geometry(n, m) = border.geometry[k++];
+        Eigen::Matrix<double, 4, 7> cross;
+        for (std::size_t m = 0; m < 4; ++m)
+          for (std::size_t n = 0; n < 7; ++n)
+            cross(static_cast<Eigen::Index>(m), static_cast<Eigen::Index>(n)) = border.cross[m][n];
+        const Eigen::Matrix<double, 9, 9> own = by * geometry * by.transpose();
+        const Eigen::Matrix<double, 9, 7> with_light = by * cross;
+        const Eigen::Matrix<double, 9, 1> gradient = by * Eigen::Map<const Eigen::Vector4d>(border.gradient.data());
+        for (Eigen::Index m = 0; m < 9; ++m) {
+          const Eigen::Index p = parameters[static_cast<std::size_t>(m)];
+          result.gradient[p] += gradient[m];
+          for (Eigen::Index n = 0; n < 9; ++n) h(p, parameters[static_cast<std::size_t>(n)]) += own(m, n);
+          for (Eigen::Index n = 0; n < 7; ++n) {
+            h(p, light_parameters[static_cast<std::size_t>(n)]) += with_light(m, n);
+            h(light_parameters[static_cast<std::size_t>(n)], p) += with_light(m, n);
+          }
+        }
+      }
+  return result;
+}
+
+double stretch(double light, double exponent) {
+  if (exponent == 1.0) return 1.0;
+  // Below half a grey level of light a power's slope says nothing of a pixel that averages over its noise.
+  const double slope = exponent * std::pow(std::max(light, 0.5) / 255.0, exponent - 1.0);
+  return slope * slope;
+}
+
+void PixelNoise::apply(TagSample& sample) const {
+  const double share = std::clamp(sample.whiteness, 0.0, 1.0);
+  const double stretched = stretch(sample.light, exponent);
+  const double own = (black + share * (white - black)) * stretched + rounding_variance;
+  sample.variance = own;
+  sample.leaks = false;
+  if (sample.beyond_px < normal_reach * blur_px) {
+    // What lies beyond may differ from the margin by half the contrast, and is alike along a side: as many pixels as a
+    // side has err together, so each must count for that many times less.
+    const double leak = 0.5 * contrast * normal(-sample.beyond_px / blur_px).cumulative;
+    sample.variance += side_px * leak * leak * stretched;
+    sample.leaks = sample.variance > 1.1 * own;
+  }
+}
+
+Misfit misfit(double modelled, double measured, double variance) {
+  const bool high = measured >= highest_grey;
+  const bool low = measured <= lowest_grey;
+  const double residual = modelled - measured;
+  if (!high && !low) {
+    const double weighted = residual / variance;
+    return {residual * weighted, weighted, 1.0 / variance};
+  }
+  // Censored: the light lay beyond the end of the range, wherever that was.
+  const double sigma = std::sqrt(variance);
+  const double sign = high ? 1.0 : -1.0;
+  const double t = sign * (modelled - (high ? highest_grey : lowest_grey)) / sigma;
+  if (t > 6.0) return {};
+  if (t < -6.0)  // -2 ln Phi(t) -> t^2 + ln(2 pi t^2)
+    return {t * t + std::log(2.0 * std::numbers::pi * t * t), sign * (t + 1.0 / t) / sigma,
+            (1.0 - 1.0 / (t * t)) / variance};
+  const double below = 0.5 * std::erfc(-t / std::numbers::sqrt2);
+  const double ratio = std::exp(-0.5 * t * t) / std::sqrt(2.0 * std::numbers::pi) / below;
+  return {-2.0 * std::log(below), -sign * ratio / sigma, ratio * (ratio + t) / variance};
 }
 
 double TagImageModel::distance_from_unknown(const Eigen::Vector2d& place,
                                             const Eigen::Vector2d& modules_per_pixel) const {
   const int column = static_cast<int>(std::floor(place.x() + middle_));
   const int row = static_cast<int>(std::floor(place.y() + middle_));
-  double nearest = 1e9;
+  double nearest = 1e18;
   for (int y = row - 1; y <= row + 1; ++y)
     for (int x = column - 1; x <= column + 1; ++x) {
       const bool inside = x >= 0 && y >= 0 && x < pattern_.cells && y < pattern_.cells;
       if (inside && pattern_.at(x, y) != TagPattern::unknown) continue;
       const double du = std::max({x - middle_ - place.x(), place.x() - (x + 1 - middle_), 0.0});
       const double dv = std::max({y - middle_ - place.y(), place.y() - (y + 1 - middle_), 0.0});
-      nearest = std::min(nearest, std::hypot(du / modules_per_pixel.x(), dv / modules_per_pixel.y()));
+      const Eigen::Vector2d away(du / modules_per_pixel.x(), dv / modules_per_pixel.y());
+      nearest = std::min(nearest, away.squaredNorm());
     }
-  return nearest;
+  return std::sqrt(nearest);
 }
 
 }  // namespace tagdock
