@@ -208,9 +208,16 @@ FilterUpdate PoseFilter::update(const BoardSighting& seen) {
   if (!seen.T_camera_station.matrix().allFinite() || !seen.covariance.allFinite() || std::isnan(seen.log_odds)) {
     return {SightingUse::invalid, std::nullopt, 0.0};
   }
+  // The sighting's covariance is already as wide as its misfit. Most of a misfit is the same in every frame (survey of
+  // the board, lens model), so averaging must not take it out; only a share of it is new each time.
+  const double inflated = std::max(1.0, seen.chi2_per_coordinate);
+  const Matrix6 by_noise = seen.covariance / inflated;
+  const double fresh = 1.0 + config_.fresh_share * (inflated - 1.0);
   const double variance = corner_variance(seen);
-  const double bias_share = variance > 0.0 ? config_.corner_bias_px * config_.corner_bias_px / variance : 0.0;
-  const PlanarSighting sighting = planar_sighting(rig_, seen.time, seen.T_camera_station, seen.covariance, bias_share);
+  const double declared = variance > 0.0 ? config_.corner_bias_px * config_.corner_bias_px / variance : 0.0;
+  const double bias_share = std::max(declared, inflated - 1.0) / fresh;
+  const Matrix6 covariance = fresh * by_noise;
+  const PlanarSighting sighting = planar_sighting(rig_, seen.time, seen.T_camera_station, covariance, bias_share);
   if (!is_finite(sighting.T_station_base) || !is_usable(sighting.covariance)) {
     return {SightingUse::invalid, std::nullopt, 0.0};
   }
@@ -221,7 +228,7 @@ FilterUpdate PoseFilter::update(const BoardSighting& seen) {
 
   std::optional<PlanarSighting> mirrored;
   if (seen.T_camera_station_mirrored && seen.log_odds < config_.settled_log_odds) {
-    mirrored = planar_sighting(rig_, seen.time, *seen.T_camera_station_mirrored, seen.covariance, bias_share);
+    mirrored = planar_sighting(rig_, seen.time, *seen.T_camera_station_mirrored, covariance, bias_share);
     if (!is_finite(mirrored->T_station_base) || !is_usable(mirrored->covariance)) mirrored.reset();
   }
   if (has_estimate_) return fuse(sighting, mirrored, seen.log_odds);

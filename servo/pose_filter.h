@@ -60,6 +60,9 @@ struct PoseFilterConfig {
   double standstill_distance = 0.002;  ///< odometry may move this much between the sightings that acquire [m]
   double standstill_yaw = 0.0035;      ///< [rad]
   double corner_bias_px = 0.05;        ///< lasting error of a corner coordinate (notes on docking, 8)
+  /// Share of a sighting's misfit (chi2 above 1) that is new in every frame; the rest stays. Measured in the simulator
+  /// at standstill, 3.85 m: heading scatters by 0.24 mrad where the misfit says 0.80 mrad, so 0.09 of the variance.
+  double fresh_share = 0.1;
   /// Odds against the mirrored pose of a flat tag, as a logarithm, above which the question is settled: 1 : 22000.
   double settled_log_odds = 10.0;
   /// What takes the yaw of an unsettled sighting out of the fusion [rad].
