@@ -62,7 +62,7 @@ TEST_CASE("manoeuvres between random poses end exactly and are hardly longer tha
       both.add(start, goal, shape, Driving::both);
       forward.add(start, goal, shape, Driving::forward);
     }
-    WARN("steps " << steps << ": end error " << both.position << " m " << both.heading << " rad, mean length/RS "
+    INFO("steps " << steps << ": end error " << both.position << " m " << both.heading << " rad, mean length/RS "
                   << both.ratio_sum / both.queries << ", jump " << both.jump << "; forward: unanswered "
                   << forward.unanswered << " end error " << forward.position);
     CHECK(both.unanswered == 0);
@@ -91,7 +91,7 @@ TEST_CASE("poses from a picometre to a metre apart, near-equal headings included
     const Pose2 goal{distance * std::cos(bearing), distance * std::sin(bearing), yaw + turn};
     outcome.add(start, goal, shape, Driving::both);
   }
-  WARN("near: end error " << outcome.position << " m " << outcome.heading << " rad, unanswered " << outcome.unanswered
+  INFO("near: end error " << outcome.position << " m " << outcome.heading << " rad, unanswered " << outcome.unanswered
                           << ", mean length/RS " << outcome.ratio_sum / outcome.queries << " " << longest);
   CHECK(outcome.unanswered == 0);
   CHECK(outcome.position < 1e-12);
