@@ -18,6 +18,8 @@
 #include "app/plan_picture.h"
 #include "app/verbs.h"
 #include "planning/docking_plan.h"
+#include "planning/drift.h"
+#include "planning/time_law.h"
 
 namespace tagdock {
 namespace {
@@ -226,6 +228,12 @@ void explain(std::ostream& out, const Query& query, const Answer& answer) {
   if (plan->largest_bearing > 0.0) say("board's edge at most %.2f deg from the axis\n", degrees(plan->largest_bearing));
   const Pose2 end = between(query.goal, end_pose(plan->path));
   say("ends %.2g m and %.2g rad beside the goal\n", std::hypot(end.x, end.y), std::abs(wrap_angle(end.yaw)));
+  const Eigen::Matrix3d drift = covariance_at_end(plan->path, Eigen::Matrix3d::Zero(), OdometryDrift{});
+  say("driven by odometry alone it ends within %.1f mm, %.1f mm and %.2f deg (one sigma in x, y, yaw; default drift)\n",
+      1e3 * std::sqrt(drift(0, 0)), 1e3 * std::sqrt(drift(1, 1)), degrees(std::sqrt(drift(2, 2))));
+  if (const std::optional<TimeLaw> law = time_law(plan->path, WheelLimits{}))
+    say("takes %.2f s with the default wheel limits, every segment a whole number of %.0f ms periods\n",
+        law->duration(), 1e3 * law->period);
   say("%4s %10s %10s %10s %10s %10s %10s\n", "no", "length", "curvature", "to", "x", "y", "yaw_deg");
   Pose2 pose = plan->path.start;
   for (std::size_t i = 0; i < plan->path.segments.size(); ++i) {
