@@ -360,6 +360,7 @@ Columns columns_of(std::string_view header, const std::string& file) {
 
 int plan_batch(const PlanArguments& arguments, Mode mode, DockingPlanConfig config) {
   config.list_candidates = false;
+  config.find_cures = arguments.as_json;  // the CSV has no room for them
   std::ifstream in(arguments.batch);
   if (!in) throw Failure(ExitCode::usage, "cannot read " + arguments.batch + ": " + std::strerror(errno));
   std::string line;
@@ -517,7 +518,8 @@ void add_plan(CLI::App& program, Action& action) {
       "constant curvature). Length is negative in reverse; curvature is positive to the left for the direction the\n"
       "robot faces, also in reverse; the heading changes by signed length times mean curvature. All curvatures at the\n"
       "ends are zero. Status: ok; already_there (start and goal are the same pose to rounding, no segments); or\n"
-      "  no_room          no path within the limits without a loop (with what would cure it on stderr or in JSON)\n"
+      "  no_room          no path within the limits without a loop (what would cure it: on stderr for one plan, or in "
+      "JSON)\n"
       "  tag_out_of_view  every path within the limits loses the board\n"
       "  keep_out         every path within the limits touches what must not be touched\n"
       "  not_exact        rounding at this scale spoils every solution\n"

@@ -117,7 +117,7 @@ PlanRefusal no_room(const Planner& planner) {
                      " deg with curvature up to " + number(limits.max_curvature) + " 1/m, sharpness up to " +
                      number(limits.max_sharpness) + " 1/m2 and a final straight of " +
                      number(planner.config.straights.final) + " m";
-  refusal.cure = cure_of_no_room(planner);
+  if (planner.config.find_cures) refusal.cure = cure_of_no_room(planner);
   return refusal;
 }
 

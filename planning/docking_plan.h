@@ -35,6 +35,7 @@ struct DockingPlanConfig {
   double softness = 0.05;        ///< how much longer than the shortest a softer path may be, as a fraction; 0: shortest
   std::optional<ViewWish> view;  ///< keep the board in view; none: not asked for
   KeepOut keep_out;              ///< what the robot must not touch; empty: nothing
+  bool find_cures = true;        ///< work out what would make a refused question drivable; costs most of a refusal
   bool list_candidates = true;   ///< give every Reeds-Shepp word with the reason why it was not taken
 
   bool operator==(const DockingPlanConfig&) const = default;
