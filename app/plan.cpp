@@ -18,6 +18,8 @@
 #include "app/plan_picture.h"
 #include "app/verbs.h"
 #include "planning/docking_plan.h"
+#include "planning/drift.h"
+#include "planning/time_law.h"
 
 namespace tagdock {
 namespace {
@@ -31,6 +33,7 @@ enum class Mode { forward, dubins, reeds_shepp };
 /// The command line as it was given.
 struct PlanArguments {
   std::string from, to, batch, output, svg, board;
+  std::vector<std::string> keep_out;
   double max_curvature = TurnLimits{}.max_curvature;
   double max_sharpness = TurnLimits{}.max_sharpness;
   double initial_straight = 0.0;
@@ -103,6 +106,22 @@ Pose2 pose_option(const std::string& text, const char* option) {
   }
   pose.yaw = radians(pose.yaw);
   return pose;
+}
+
+/// "X,Y,X,Y,X,Y" of --keep-out.
+Polygon polygon_option(const std::string& text) {
+  const auto fields = split(text);
+  Polygon polygon;
+  bool fine = fields.size() >= 6 && fields.size() % 2 == 0;
+  for (std::size_t i = 0; fine && i < fields.size(); i += 2) {
+    const std::optional<double> x = parsed(fields[i]);
+    const std::optional<double> y = parsed(fields[i + 1]);
+    fine = x && y && std::isfinite(*x) && std::isfinite(*y);
+    if (fine) polygon.push_back({*x, *y});
+  }
+  if (!fine)
+    throw Failure(ExitCode::usage, "--keep-out is \"" + text + "\"; it must be three corners or more, X,Y,X,Y,X,Y");
+  return polygon;
 }
 
 std::string exact(double value) {
@@ -209,6 +228,12 @@ void explain(std::ostream& out, const Query& query, const Answer& answer) {
   if (plan->largest_bearing > 0.0) say("board's edge at most %.2f deg from the axis\n", degrees(plan->largest_bearing));
   const Pose2 end = between(query.goal, end_pose(plan->path));
   say("ends %.2g m and %.2g rad beside the goal\n", std::hypot(end.x, end.y), std::abs(wrap_angle(end.yaw)));
+  const Eigen::Matrix3d drift = covariance_at_end(plan->path, Eigen::Matrix3d::Zero(), OdometryDrift{});
+  say("driven by odometry alone it ends within %.1f mm, %.1f mm and %.2f deg (one sigma in x, y, yaw; default drift)\n",
+      1e3 * std::sqrt(drift(0, 0)), 1e3 * std::sqrt(drift(1, 1)), degrees(std::sqrt(drift(2, 2))));
+  if (const std::optional<TimeLaw> law = time_law(plan->path, WheelLimits{}))
+    say("takes %.2f s with the default wheel limits, every segment a whole number of %.0f ms periods\n",
+        law->duration(), 1e3 * law->period);
   say("%4s %10s %10s %10s %10s %10s %10s\n", "no", "length", "curvature", "to", "x", "y", "yaw_deg");
   Pose2 pose = plan->path.start;
   for (std::size_t i = 0; i < plan->path.segments.size(); ++i) {
@@ -279,7 +304,8 @@ int plan_one(const PlanArguments& arguments, Mode mode, DockingPlanConfig config
   sink.finish();
   if (arguments.explain) explain(std::cerr, query, answer);
   if (!arguments.svg.empty()) {
-    PlanScene scene{query.start, query.goal, board, query.limits, config.view.value_or(ViewWish{}), 0.4, 0.4, 0.6, {}};
+    PlanScene scene{query.start, query.goal, board, query.limits, config.view.value_or(ViewWish{}),
+                    0.4,         0.4,        0.6,   {},           config.keep_out.polygons};
     char title[160] = "";
     if (const auto* plan = std::get_if<DockingPlan>(&answer.result))
       std::snprintf(title, sizeof title, "%s: %.3f m, %zu segments, curvature up to %.3f 1/m", arguments.mode.c_str(),
@@ -334,6 +360,7 @@ Columns columns_of(std::string_view header, const std::string& file) {
 
 int plan_batch(const PlanArguments& arguments, Mode mode, DockingPlanConfig config) {
   config.list_candidates = false;
+  config.find_cures = arguments.as_json;  // the CSV has no room for them
   std::ifstream in(arguments.batch);
   if (!in) throw Failure(ExitCode::usage, "cannot read " + arguments.batch + ": " + std::strerror(errno));
   std::string line;
@@ -432,11 +459,14 @@ int run(const PlanArguments& arguments) {
     config.view->camera_ahead = arguments.camera_ahead;
     config.view->board_half_width = 0.5 * arguments.board_width;
   }
+  for (const std::string& text : arguments.keep_out) config.keep_out.polygons.push_back(polygon_option(text));
   const Mode mode = arguments.mode == "forward"  ? Mode::forward
                     : arguments.mode == "dubins" ? Mode::dubins
                                                  : Mode::reeds_shepp;
-  if (mode != Mode::forward && (arguments.final_straight > 0.0 || arguments.initial_straight > 0.0 || config.view))
-    throw Failure(ExitCode::usage, "--final-straight, --initial-straight and --view-deg need --mode forward");
+  if (mode != Mode::forward && (arguments.final_straight > 0.0 || arguments.initial_straight > 0.0 || config.view ||
+                                !config.keep_out.polygons.empty()))
+    throw Failure(ExitCode::usage,
+                  "--final-straight, --initial-straight, --view-deg and --keep-out need --mode forward");
   return arguments.batch.empty() ? plan_one(arguments, mode, config) : plan_batch(arguments, mode, config);
 }
 
@@ -477,6 +507,9 @@ void add_plan(CLI::App& program, Action& action) {
   verb->add_option("--camera-ahead", arguments->camera_ahead, "camera before the axle, m")->capture_default_str();
   verb->add_option("--board", arguments->board, "foot of the board X,Y,YAW_DEG (default: 1 m ahead of the goal)");
   verb->add_option("--board-width", arguments->board_width, "m")->capture_default_str();
+  verb->add_option(
+      "--keep-out", arguments->keep_out,
+      "corners X,Y,X,Y,X,Y of a polygon that a robot of 0.8 m x 0.6 m must keep 5 cm away from (mode forward)");
   verb->add_option("--svg", arguments->svg, "draw the plan into this file");
   verb->add_flag("--json", arguments->as_json, "JSON instead of CSV; one object a query");
   verb->add_flag("--explain", arguments->explain, "say on stderr what was planned and every Reeds-Shepp word");
@@ -485,8 +518,10 @@ void add_plan(CLI::App& program, Action& action) {
       "constant curvature). Length is negative in reverse; curvature is positive to the left for the direction the\n"
       "robot faces, also in reverse; the heading changes by signed length times mean curvature. All curvatures at the\n"
       "ends are zero. Status: ok; already_there (start and goal are the same pose to rounding, no segments); or\n"
-      "  no_room          no path within the limits without a loop (with what would cure it on stderr or in JSON)\n"
+      "  no_room          no path within the limits without a loop (what would cure it: on stderr for one plan, or in "
+      "JSON)\n"
       "  tag_out_of_view  every path within the limits loses the board\n"
+      "  keep_out         every path within the limits touches what must not be touched\n"
       "  not_exact        rounding at this scale spoils every solution\n"
       "  not_finite       a pose or limit is NaN or infinite\n"
       "  too_large        a coordinate above 1e12 m, a heading above 1e9 rad or a limit outside of 1e-12..1e12\n"

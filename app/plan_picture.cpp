@@ -177,6 +177,12 @@ void draw_map(std::string& svg, const DockingPlan* plan, const PlanScene& scene,
   const Pose2 wall_left = scene.board * Pose2{0.05, 20.0, 0.0};
   const Pose2 wall_right = scene.board * Pose2{0.05, -20.0, 0.0};
   map.line(svg, {{wall_left.x, wall_left.y}, {wall_right.x, wall_right.y}}, "stroke='#9a9a9a' stroke-width='5'");
+  for (const Polygon& polygon : scene.keep_out) {
+    std::vector<std::pair<double, double>> line;
+    for (const Corner& corner : polygon) line.emplace_back(corner.x, corner.y);
+    if (!line.empty()) line.push_back(line.front());
+    map.line(svg, line, "stroke='#8a1a1a' stroke-width='2' stroke-dasharray='6 3'");
+  }
   if (plan != nullptr) {
     for (auto candidate = plan->candidates.rbegin(); candidate != plan->candidates.rend(); ++candidate) {
       const bool forward = candidate->verdict.starts_with("forward");

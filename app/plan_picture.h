@@ -1,6 +1,7 @@
 #pragma once
 
 #include <string>
+#include <vector>
 
 #include "planning/docking_plan.h"
 
@@ -17,6 +18,7 @@ struct PlanScene {
   double robot_behind = 0.4;
   double robot_width = 0.6;
   std::string title;
+  std::vector<Polygon> keep_out;
 };
 
 /// A plan (or why there is none) as an SVG picture: the way from above with the Reeds-Shepp words thin behind it and

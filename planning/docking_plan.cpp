@@ -117,16 +117,23 @@ PlanRefusal no_room(const Planner& planner) {
                      " deg with curvature up to " + number(limits.max_curvature) + " 1/m, sharpness up to " +
                      number(limits.max_sharpness) + " 1/m2 and a final straight of " +
                      number(planner.config.straights.final) + " m";
-  refusal.cure = cure_of_no_room(planner);
+  if (planner.config.find_cures) refusal.cure = cure_of_no_room(planner);
   return refusal;
 }
 
-// Every heading of the middle straight at several softnesses is a path; the cheapest that keeps the view is taken.
-std::optional<Path> path_in_view(const Planner& planner, double softest, double shortest, DockingPlan& plan) {
+/// The wishes beyond geometry: view and keep-out.
+bool acceptable(const DockingPlanConfig& config, const Path& path, double& bearing) {
+  if (config.view && !keeps_view(path, *config.view, bearing)) return false;
+  return keeps_clear(path, config.keep_out);
+}
+
+// Every heading of the middle straight at several softnesses is a path; the cheapest that is acceptable is taken.
+std::optional<Path> acceptable_path(const Planner& planner, double softest, double shortest, DockingPlan& plan) {
   constexpr int softnesses = 5;
   constexpr int headings = 48;
   double best = std::numeric_limits<double>::infinity();
-  const double limit = 0.5 * planner.config.view->horizontal_view - planner.config.view->margin;
+  const std::optional<ViewWish>& view = planner.config.view;
+  const double limit = view ? 0.5 * view->horizontal_view - view->margin : 0.0;
   std::optional<Path> chosen;
   Path path;
   for (int i = 0; i < softnesses; ++i) {
@@ -145,11 +152,12 @@ std::optional<Path> path_in_view(const Planner& planner, double softest, double 
       const Pose2 turned{forward->initial + chord * std::cos(0.5 * forward->first),
                          chord * std::sin(0.5 * forward->first), forward->first};
       const Pose2 before_second = turned * Pose2{forward->middle, 0.0, 0.0};
-      if (board_bearing(planner.start * before_second, *planner.config.view) > limit) continue;
-      if (board_bearing(planner.start * turned, *planner.config.view) > limit) continue;
+      if (view && (board_bearing(planner.start * before_second, *view) > limit ||
+                   board_bearing(planner.start * turned, *view) > limit))
+        continue;
       write_path(planner.start, *forward, turn, path);
       double bearing = 0.0;
-      if (!keeps_view(path, *planner.config.view, bearing)) continue;
+      if (!acceptable(planner.config, path, bearing)) continue;
       best = cost;
       chosen = path;
       plan.largest_bearing = bearing;
@@ -257,6 +265,8 @@ std::string_view word(NoPlan reason) {
       return "no_room";
     case NoPlan::tag_out_of_view:
       return "tag_out_of_view";
+    case NoPlan::keep_out:
+      return "keep_out";
     case NoPlan::not_exact:
       return "not_exact";
   }
@@ -366,10 +376,22 @@ DockingPlanResult plan_docking(const Pose2& start, const Pose2& goal, const Dock
       plan.sharpness = soft.limits().max_sharpness;
     }
   }
-  if (config.view && !keeps_view(plan.path, *config.view, plan.largest_bearing)) {
-    std::optional<Path> in_view = path_in_view(planner, softest, shortest->length, plan);
-    if (!in_view) return out_of_view(planner);
-    plan.path = std::move(*in_view);
+  if (!acceptable(config, plan.path, plan.largest_bearing)) {
+    std::optional<Path> other = acceptable_path(planner, softest, shortest->length, plan);
+    if (!other && config.view) {
+      // Which of the two wishes is it?
+      DockingPlanConfig view_only = config;
+      view_only.keep_out.polygons.clear();
+      if (config.keep_out.polygons.empty() ||
+          !acceptable_path(Planner{start, goal, view_only}, softest, shortest->length, plan))
+        return out_of_view(planner);
+    }
+    if (!other)
+      return PlanRefusal{NoPlan::keep_out,
+                         "every path within the limits comes nearer than " + number(config.keep_out.margin) +
+                             " m to what must not be touched",
+                         "start nearer to the board's axis or further back, or make room"};
+    plan.path = std::move(*other);
   }
   return measured(planner, std::move(plan));
 }

@@ -8,6 +8,7 @@
 
 #include "planning/arc_approximation.h"
 #include "planning/clothoid.h"
+#include "planning/keep_out.h"
 #include "planning/manoeuvre.h"
 #include "planning/reeds_shepp.h"
 
@@ -33,6 +34,8 @@ struct DockingPlanConfig {
   ArcWish arc_wish{5, 0.0, 0.0};  ///< only with arcs
   double softness = 0.05;        ///< how much longer than the shortest a softer path may be, as a fraction; 0: shortest
   std::optional<ViewWish> view;  ///< keep the board in view; none: not asked for
+  KeepOut keep_out;              ///< what the robot must not touch; empty: nothing
+  bool find_cures = true;        ///< work out what would make a refused question drivable; costs most of a refusal
   bool list_candidates = true;   ///< give every Reeds-Shepp word with the reason why it was not taken
 
   bool operator==(const DockingPlanConfig&) const = default;
@@ -45,6 +48,7 @@ enum class NoPlan {
   bad_limit,        ///< a limit is zero, negative or denormal
   no_room,          ///< no path within the limits without a loop
   tag_out_of_view,  ///< every path within the limits loses the board
+  keep_out,         ///< every path within the limits (and the view) comes too near to what must not be touched
   not_exact         ///< numerically too close to singular to hit the goal to rounding
 };
 /// The status word of `tagdock plan`, for example "no_room".

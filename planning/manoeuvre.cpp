@@ -70,6 +70,34 @@ struct Search {
     return open - manoeuvre.straights[static_cast<std::size_t>(manoeuvre.turns)] * goal_direction;
   }
 
+  /// Put what rounding left open into two straights of a manoeuvre: where they are nearly parallel, their first
+  /// solution is exact to rounding times the ratio of their lengths to the gap only. False if there are no two
+  /// straights.
+  bool close_gap(Manoeuvre& manoeuvre, const Vector& open) const {
+    std::array<std::size_t, 2> at{};
+    std::array<Vector, 2> way{};
+    std::size_t count = 0;
+    double heading = 0.0;
+    for (std::size_t i = 0; i <= static_cast<std::size_t>(manoeuvre.turns); ++i) {
+      if (manoeuvre.straights[i] != 0.0) {
+        if (count == 2) return false;
+        at[count] = i;
+        way[count++] = i == static_cast<std::size_t>(manoeuvre.turns) ? goal_direction : direction(heading);
+      }
+      if (i < static_cast<std::size_t>(manoeuvre.turns)) heading += manoeuvre.deflections[i];
+    }
+    const double determinant = count == 2 ? cross(way[0], way[1]) : 0.0;
+    if (determinant == 0.0) return false;
+    const std::array<double, 2> more = {cross(open, way[1]) / determinant, cross(way[0], open) / determinant};
+    for (std::size_t k = 0; k < 2; ++k) {
+      const double before = manoeuvre.straights[at[k]];
+      manoeuvre.straights[at[k]] = before + more[k];
+      if (driving == Driving::forward && manoeuvre.straights[at[k]] < 0.0) return false;
+    }
+    set_length(manoeuvre);
+    return true;
+  }
+
   // ---- Two turns and straights around them: exists for every middle heading.
 
   [[nodiscard]] Manoeuvre two_turns(double heading, int drive_first, int drive_second) const {
@@ -421,7 +449,9 @@ struct Search {
       if (!(std::abs(result.deflections[static_cast<std::size_t>(i)]) < 2.0 * pi)) return;
     set_length(result);
     const Vector open = gap(result);
-    if (std::max(std::abs(open.x), std::abs(open.y)) > 16.0 * epsilon * (result.length + scale)) return;
+    if (std::max(std::abs(open.x), std::abs(open.y)) >
+        8.0 * epsilon * (result.length + std::abs(offset.x) + std::abs(offset.y)))
+      return;
     found.add(result);
   }
 };
@@ -482,10 +512,13 @@ std::optional<Manoeuvre> shortest_manoeuvre(const Pose2& goal, const TurnShape& 
     }
     if (search.found.begin() != search.found.end()) improve_fixed_turns(search, Manoeuvre(*search.found.begin()));
   }
-  for (const Manoeuvre& candidate : search.found) {
-    const Vector open = search.gap(candidate);
+  for (Manoeuvre candidate : search.found) {
     const double scale = candidate.length + std::abs(goal.x) + std::abs(goal.y);
-    if (std::max(std::abs(open.x), std::abs(open.y)) <= 16.0 * epsilon * scale + resolution) return candidate;
+    for (int round = 0; round < 4; ++round) {
+      const Vector open = search.gap(candidate);
+      if (std::max(std::abs(open.x), std::abs(open.y)) <= 16.0 * epsilon * scale + resolution) return candidate;
+      if (!search.close_gap(candidate, open)) break;
+    }
   }
   return std::nullopt;
 }

@@ -62,7 +62,7 @@ TEST_CASE("manoeuvres between random poses end exactly and are hardly longer tha
       both.add(start, goal, shape, Driving::both);
       forward.add(start, goal, shape, Driving::forward);
     }
-    WARN("steps " << steps << ": end error " << both.position << " m " << both.heading << " rad, mean length/RS "
+    INFO("steps " << steps << ": end error " << both.position << " m " << both.heading << " rad, mean length/RS "
                   << both.ratio_sum / both.queries << ", jump " << both.jump << "; forward: unanswered "
                   << forward.unanswered << " end error " << forward.position);
     CHECK(both.unanswered == 0);
@@ -91,9 +91,24 @@ TEST_CASE("poses from a picometre to a metre apart, near-equal headings included
     const Pose2 goal{distance * std::cos(bearing), distance * std::sin(bearing), yaw + turn};
     outcome.add(start, goal, shape, Driving::both);
   }
-  WARN("near: end error " << outcome.position << " m " << outcome.heading << " rad, unanswered " << outcome.unanswered
+  INFO("near: end error " << outcome.position << " m " << outcome.heading << " rad, unanswered " << outcome.unanswered
                           << ", mean length/RS " << outcome.ratio_sum / outcome.queries << " " << longest);
   CHECK(outcome.unanswered == 0);
   CHECK(outcome.position < 1e-12);
   CHECK(outcome.heading < 1e-12);
+}
+
+TEST_CASE("goals almost straight ahead by less than a nanometre are answered where straights are nearly parallel") {
+  const TurnShape shape({1.0, 1.0}, 5);
+  for (const Pose2& goal : {Pose2{3.4010984808206231e-10, 1.6537119193249321e-12, 0.0},
+                            Pose2{1.9062002536115881e-10, 1.668431580564789e-12, -4.8387516216052973e-11},
+                            Pose2{1.4236946012175638e-09, 8.0603905592936747e-13, 6.677578490155156e-10},
+                            Pose2{-7.5772299676452881e-10, 2.8113407245838365e-12, 0.0}}) {
+    const auto found = shortest_manoeuvre(goal, shape, Driving::both, 0.0);
+    REQUIRE(found.has_value());
+    Path path;
+    write_path({}, *found, shape, path);
+    CHECK(end_error(path, goal).position < 1e-15);  // m; a few roundings of a manoeuvre of some millimetres
+    CHECK(end_error(path, goal).heading < 1e-15);
+  }
 }
