@@ -81,11 +81,6 @@ TagImageModel::TagImageModel(const TagPattern& pattern, double side_px, const Le
     }
 }
 
-int TagImageModel::cell(int column, int row) const {
-  const int last = pattern_.cells - 1;
-  return cells_[static_cast<std::size_t>(std::clamp(row, 0, last) * pattern_.cells + std::clamp(column, 0, last))];
-}
-
 Eigen::Vector2d TagImageModel::to_tag(double x, double y) const {
   const auto& g = appearance_.value;
   const double w = g[6] * x + g[7] * y + 1.0;

@@ -164,7 +164,11 @@ class TagImageModel {
     BivariateNormal integral;
   };
 
-  [[nodiscard]] int cell(int column, int row) const;  ///< 1 white; beyond the print as at its rim
+  /// 1 white; beyond the print as at its rim.
+  [[nodiscard]] int cell(int column, int row) const {
+    const int last = pattern_.cells - 1;
+    return cells_[static_cast<std::size_t>(std::clamp(row, 0, last) * pattern_.cells + std::clamp(column, 0, last))];
+  }
   [[nodiscard]] std::size_t node(int i, int j) const { return static_cast<std::size_t>(j * (pattern_.cells + 1) + i); }
 
   TagPattern pattern_;

@@ -184,7 +184,9 @@ std::optional<Unrefined> TagFit::approach(const Corners& coarse, const Eigen::Ma
   appearance.value[A::white] = quartile(whites, 3);
   appearance.value[A::drop] = appearance.value[A::white] - quartile(blacks, 1);
   model_.set(appearance);
-  fit_ = fit_appearance(model_, samples_, free_, max_iterations_, 0.1);
+  // Noise is not known yet; two grey levels are a guess that only sets what leaks in from beyond the print against it.
+  const PixelNoise guess{4.0, 4.0, 1.0, blur, appearance.value[A::drop], region_.side_px};
+  fit_ = fit_appearance(model_, samples_, free_, max_iterations_, 0.1, &guess);
   if (!std::isfinite(fit_.at.cost)) return Unrefined::did_not_converge;
   return std::nullopt;
 }
@@ -246,6 +248,10 @@ std::optional<Unrefined> TagFit::run(const Corners& coarse, const Eigen::Matrix<
   if (samples_.size() < 40) return Unrefined::too_few_pixels;
   alike_ = rounded_alike(coarse, noise_);
   refit(false);
+  // A quarter of the pixels may have misjudged the noise.
+  const PixelNoise again = measure_noise(model_, samples_, region_.side_px);
+  const auto variance = [](const PixelNoise& noise) { return noise.black + noise.white + 2.0 * rounding_variance; };
+  if (std::abs(variance(again) / variance(noise_) - 1.0) > 0.15) refit(true);
   ask();
   if (quality_.largest > largest_by_noise * quality_.scale || quality_.spread > heavy_tails * quality_.scale) reweigh();
   forgo();

@@ -29,8 +29,8 @@ struct TagRegion {
 /// Sigma of the edges' spread [px], from the steepest slope along normals of the sides: a start value.
 double start_blur(const cv::Mat1b& gray, const Corners& corners_px);
 
-/// The pixels that the model explains: those on borders, some hundreds of the flat ones, and of what surrounds the print
-/// only what its margin makes sure.
+/// The pixels that the model explains: those on borders, some hundreds of the flat ones, and of what surrounds the
+/// print only what its margin makes sure.
 /// @param every    takes every so many-th column and row
 /// @param slack_px how far borders may still move
 std::vector<TagSample> select_samples(const cv::Mat1b& gray, const TagImageModel& model, const TagRegion& region,
