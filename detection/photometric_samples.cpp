@@ -215,7 +215,7 @@ FitQuality quality(const std::vector<TagSample>& samples, std::size_t parameters
   return result;
 }
 
-void weigh(std::vector<TagSample>& samples, const cv::Rect& region, double blur_px, double cut) {
+void weigh(std::vector<TagSample>& samples, const cv::Rect& region, double blur_px, double cut, Weighing weighing) {
   // Beyond 1.5 sigma of its border an occluder's blur is below what a cut of a few sigmas of noise can see.
   const int rim = std::max(1, static_cast<int>(std::lround(1.5 * blur_px)));
   cv::Mat1b rejected(region.height + 2 * rim, region.width + 2 * rim, static_cast<unsigned char>(0));
@@ -232,7 +232,7 @@ void weigh(std::vector<TagSample>& samples, const cv::Rect& region, double blur_
   for (TagSample& sample : samples) {
     const double size = residual_sigmas(sample) / cut;
     const double rest = std::max(0.0, 1.0 - size * size);
-    sample.weight = rest * rest;
+    sample.weight = weighing == Weighing::tukey ? rest * rest : rest > 0.0 ? 1.0 : 0.0;
     if (rest == 0.0) mark(sample) = 1;
   }
   // Three of nine together are no accident of noise.

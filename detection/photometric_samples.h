@@ -52,9 +52,13 @@ struct FitQuality {
 };
 FitQuality quality(const std::vector<TagSample>& samples, std::size_t parameters);
 
-/// Tukey's weights; a patch of rejected pixels is something in front of the tag, and goes with the rim that its blur
+/// How the weights fall with the residual: Tukey's curve on the way, all or nothing for the last fit, whose normal
+/// equations are then its information.
+enum class Weighing { tukey, all_or_nothing };
+
+/// Robust weights; a patch of rejected pixels is something in front of the tag, and goes with the rim that its blur
 /// reaches.
 /// @param cut  residual at which a pixel's weight ends [sigma]
-void weigh(std::vector<TagSample>& samples, const cv::Rect& region, double blur_px, double cut);
+void weigh(std::vector<TagSample>& samples, const cv::Rect& region, double blur_px, double cut, Weighing weighing);
 
 }  // namespace tagdock
