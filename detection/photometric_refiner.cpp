@@ -186,7 +186,8 @@ std::optional<Unrefined> TagFit::approach(const Corners& coarse, const Eigen::Ma
   model_.set(appearance);
   // Noise is not known yet; two grey levels are a guess that only sets what leaks in from beyond the print against it.
   const PixelNoise guess{4.0, 4.0, 1.0, blur, appearance.value[A::drop], region_.side_px};
-  fit_ = fit_appearance(model_, samples_, free_, max_iterations_, 0.1, &guess);
+  // A quarter of the pixels errs by two of the final sigmas; a tenth of that is close enough.
+  fit_ = fit_appearance(model_, samples_, free_, max_iterations_, 0.3, &guess);
   if (!std::isfinite(fit_.at.cost)) return Unrefined::did_not_converge;
   return std::nullopt;
 }
