@@ -51,6 +51,7 @@ TagImageModel::TagImageModel(const TagPattern& pattern, double side_px, const Le
         for (int x = column - 1; x <= column + 1; ++x)
           beside = beside || x < 0 || y < 0 || x >= n || y >= n || pattern.at(x, y) == TagPattern::unknown;
       beside_unknown_.push_back(beside);
+      all_known_ = all_known_ && pattern.at(column, row) != TagPattern::unknown;
     }
   for (auto& vertices : vertices_) vertices.resize(static_cast<std::size_t>((n + 1) * (n + 1)));
   for (int j = 1; j < n; ++j)
@@ -79,11 +80,6 @@ TagImageModel::TagImageModel(const TagPattern& pattern, double side_px, const Le
       vertices_[0][node(i, j)] = sign > 0 ? falling : rising;
       vertices_[1][node(i, j)] = sign > 0 ? rising : falling;
     }
-}
-
-int TagImageModel::cell(int column, int row) const {
-  const int last = pattern_.cells - 1;
-  return cells_[static_cast<std::size_t>(std::clamp(row, 0, last) * pattern_.cells + std::clamp(column, 0, last))];
 }
 
 Eigen::Vector2d TagImageModel::to_tag(double x, double y) const {
@@ -141,9 +137,8 @@ void TagImageModel::set(const TagAppearance& appearance) {
       }
 }
 
-PixelView TagImageModel::view(double x, double y, double reach_px) const {
+PixelView TagImageModel::view(double x, double y, const Eigen::Vector2d& place, double reach_px) const {
   PixelView view;
-  const Eigen::Vector2d place = to_tag(x, y);
   const int cells = pattern_.cells;
   for (std::size_t direction = 0; direction < 2; ++direction) {
     const double at = place[static_cast<Eigen::Index>(direction)] + middle_;
@@ -208,18 +203,20 @@ struct Toned {
   double grey, by_light, by_exponent;
 };
 
-Toned toned(double light, double exponent) {
+const std::array<double, 257> tone_slopes = [] {
+  std::array<double, 257> table{};
+  for (std::size_t i = 1; i < table.size(); ++i)
+    table[i] = static_cast<double>(i) * std::log(static_cast<double>(i) / 255.0);
+  return table;
+}();
+
+inline Toned toned(double light, double exponent) {
   if (exponent == 1.0) {
     // Only the score test looks at the exponent's derivative here: light ln(light/255) from a table of whole levels.
-    static const std::array<double, 257> slopes = [] {
-      std::array<double, 257> table{};
-      for (std::size_t i = 1; i < table.size(); ++i)
-        table[i] = static_cast<double>(i) * std::log(static_cast<double>(i) / 255.0);
-      return table;
-    }();
     const double held = std::clamp(light, 0.0, 255.0);
     const auto index = static_cast<std::size_t>(held);
-    return {light, 1.0, slopes[index] + (held - static_cast<double>(index)) * (slopes[index + 1] - slopes[index])};
+    return {light, 1.0,
+            tone_slopes[index] + (held - static_cast<double>(index)) * (tone_slopes[index + 1] - tone_slopes[index])};
   }
   const double share = std::max(light, 1e-3) / 255.0;
   const double logarithm = std::log(share);
@@ -539,6 +536,10 @@ Misfit misfit(double modelled, double measured, double variance) {
 
 double TagImageModel::distance_from_unknown(const Eigen::Vector2d& place,
                                             const Eigen::Vector2d& modules_per_pixel) const {
+  if (all_known_) {
+    const Eigen::Array2d inside = (middle_ - place.array().abs()) / modules_per_pixel.array();
+    return std::max(inside.minCoeff(), 0.0);
+  }
   const int column = static_cast<int>(std::floor(place.x() + middle_));
   const int row = static_cast<int>(std::floor(place.y() + middle_));
   double nearest = 1e18;

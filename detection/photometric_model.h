@@ -119,7 +119,9 @@ class TagImageModel {
   [[nodiscard]] Eigen::Vector2d to_tag(double x, double y) const;
 
   /// The lines within `reach_px` of a place.
-  [[nodiscard]] PixelView view(double x, double y, double reach_px) const;
+  /// @param on_tag  the same place in modules
+  [[nodiscard]] PixelView view(double x, double y, const Eigen::Vector2d& on_tag, double reach_px) const;
+  [[nodiscard]] PixelView view(double x, double y, double reach_px) const { return view(x, y, to_tag(x, y), reach_px); }
 
   /// Is there an unknown cell, or the outside of the print, among a place's own cell and its eight neighbours?
   [[nodiscard]] bool unknown_within_a_module(double u, double v) const {
@@ -128,8 +130,8 @@ class TagImageModel {
     return beside_unknown_[static_cast<std::size_t>(row * pattern_.cells + column)];
   }
 
-  /// Distance of a place of the tag from the nearest unknown cell or from what lies outside of the print [px]; 1e9 if
-  /// that is more than a module away.
+  /// Distance of a place of the tag from the nearest unknown cell or from what lies outside of the print [px]; where
+  /// the print has unknown cells, only those next to the place's own are looked at (1e9 if there are none).
   /// @param modules_per_pixel  how fast u and v change there
   [[nodiscard]] double distance_from_unknown(const Eigen::Vector2d& place,
                                              const Eigen::Vector2d& modules_per_pixel) const;
@@ -164,7 +166,11 @@ class TagImageModel {
     BivariateNormal integral;
   };
 
-  [[nodiscard]] int cell(int column, int row) const;  ///< 1 white; beyond the print as at its rim
+  /// 1 white; beyond the print as at its rim.
+  [[nodiscard]] int cell(int column, int row) const {
+    const int last = pattern_.cells - 1;
+    return cells_[static_cast<std::size_t>(std::clamp(row, 0, last) * pattern_.cells + std::clamp(column, 0, last))];
+  }
   [[nodiscard]] std::size_t node(int i, int j) const { return static_cast<std::size_t>(j * (pattern_.cells + 1) + i); }
 
   TagPattern pattern_;
@@ -173,6 +179,7 @@ class TagImageModel {
   double middle_;  ///< cells from the print's rim to its centre
   std::vector<std::int8_t> cells_;
   std::vector<std::uint8_t> beside_unknown_;
+  bool all_known_ = true;
   /// Per node; corners where only opposite cells are alike have two. Ink that spreads joins the black ones ([0]), ink
   /// that shrinks the white ones ([1]).
   std::array<std::vector<std::array<Vertex, 2>>, 2> vertices_;

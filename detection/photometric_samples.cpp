@@ -54,9 +54,10 @@ double residual_sigmas(const TagSample& sample) {
 /// Pixels nearer to what is beyond the print, in sigmas of the blur, say nothing of the print.
 constexpr double least_from_unknown = 1.0;
 constexpr std::size_t enough_flats = 500;
-/// Borders farther than this, in sigmas of the blur, say nothing that matters of a pixel; still farther ones not even
-/// by their model's tail.
-constexpr double informs = 3.0;
+/// A pixel farther than this from all borders, in sigmas of the blur, knows less than a thousandth of what one on a
+/// border knows of its place. Borders farther than `seen` change it by less than 3e-4 of the contrast.
+constexpr double informs = 2.6;
+constexpr double seen = 3.7;
 
 }  // namespace
 
@@ -102,10 +103,11 @@ std::vector<TagSample> select_samples(const cv::Mat1b& gray, const TagImageModel
   std::vector<TagSample> samples;
   const A::Vector& p = model.appearance().value;
   const double rim = 0.5 * model.pattern().cells;
-  const double reach = normal_reach * blur_px + slack_px;
+  const double reach = seen * blur_px + slack_px;
   const cv::Rect& pixels = region.pixels;
   std::vector<TagSample> flats;
-  samples.reserve(static_cast<std::size_t>(pixels.area() / (2 * every * every)));
+  samples.reserve(static_cast<std::size_t>(pixels.area() / (4 * every * every)));
+  flats.reserve(static_cast<std::size_t>(pixels.area() / (4 * every * every)));
   for (int row = pixels.y; row < pixels.y + pixels.height; row += every)
     for (int column = pixels.x; column < pixels.x + pixels.width; column += every) {
       const Vector2 at = region.place(region.lens.undistorted({column, row}));
@@ -121,7 +123,7 @@ std::vector<TagSample> select_samples(const cv::Mat1b& gray, const TagImageModel
         sample.beyond_px = model.distance_from_unknown({u, v}, modules_per_pixel);
         if (sample.beyond_px < least_from_unknown * blur_px) continue;
       }
-      sample.view = model.view(at.x(), at.y(), reach);
+      sample.view = model.view(at.x(), at.y(), {u, v}, reach);
       if (sample.view.kind == PixelView::flat) {
         sample.x = at.x();
         sample.y = at.y();
@@ -215,7 +217,7 @@ FitQuality quality(const std::vector<TagSample>& samples, std::size_t parameters
   return result;
 }
 
-void weigh(std::vector<TagSample>& samples, const cv::Rect& region, double blur_px, double cut) {
+void weigh(std::vector<TagSample>& samples, const cv::Rect& region, double blur_px, double cut, Weighing weighing) {
   // Beyond 1.5 sigma of its border an occluder's blur is below what a cut of a few sigmas of noise can see.
   const int rim = std::max(1, static_cast<int>(std::lround(1.5 * blur_px)));
   cv::Mat1b rejected(region.height + 2 * rim, region.width + 2 * rim, static_cast<unsigned char>(0));
@@ -232,7 +234,7 @@ void weigh(std::vector<TagSample>& samples, const cv::Rect& region, double blur_
   for (TagSample& sample : samples) {
     const double size = residual_sigmas(sample) / cut;
     const double rest = std::max(0.0, 1.0 - size * size);
-    sample.weight = rest * rest;
+    sample.weight = weighing == Weighing::tukey ? rest * rest : rest > 0.0 ? 1.0 : 0.0;
     if (rest == 0.0) mark(sample) = 1;
   }
   // Three of nine together are no accident of noise.

@@ -29,8 +29,8 @@ struct TagRegion {
 /// Sigma of the edges' spread [px], from the steepest slope along normals of the sides: a start value.
 double start_blur(const cv::Mat1b& gray, const Corners& corners_px);
 
-/// The pixels that the model explains: those on borders, some hundreds of the flat ones, and of what surrounds the print
-/// only what its margin makes sure.
+/// The pixels that the model explains: those on borders, some hundreds of the flat ones, and of what surrounds the
+/// print only what its margin makes sure.
 /// @param every    takes every so many-th column and row
 /// @param slack_px how far borders may still move
 std::vector<TagSample> select_samples(const cv::Mat1b& gray, const TagImageModel& model, const TagRegion& region,
@@ -52,9 +52,13 @@ struct FitQuality {
 };
 FitQuality quality(const std::vector<TagSample>& samples, std::size_t parameters);
 
-/// Tukey's weights; a patch of rejected pixels is something in front of the tag, and goes with the rim that its blur
+/// How the weights fall with the residual: Tukey's curve on the way, all or nothing for the last fit, whose normal
+/// equations are then its information.
+enum class Weighing { tukey, all_or_nothing };
+
+/// Robust weights; a patch of rejected pixels is something in front of the tag, and goes with the rim that its blur
 /// reaches.
 /// @param cut  residual at which a pixel's weight ends [sigma]
-void weigh(std::vector<TagSample>& samples, const cv::Rect& region, double blur_px, double cut);
+void weigh(std::vector<TagSample>& samples, const cv::Rect& region, double blur_px, double cut, Weighing weighing);
 
 }  // namespace tagdock

@@ -301,10 +301,12 @@ std::variant<Path, std::string> path_to(const Pose2& start, const Pose2& entry, 
   }
   DockingPlanConfig wish = config.plan;
   if (keep_view) {
-    wish.view = ViewWish{.horizontal_view = horizontal_view(config.rig.camera),
-                         .margin = config.entry.view_margin,
-                         .camera_ahead = camera_point(config.rig).x,
-                         .board_half_width = 0.0};
+    ViewWish view;
+    view.horizontal_view = horizontal_view(config.rig.camera);
+    view.margin = config.entry.view_margin;
+    view.camera_ahead = camera_point(config.rig).x;
+    view.board_half_width = 0.0;
+    wish.view = view;
   }
   const DockingPlanResult answer = plan_docking(start, entry, wish);
   if (const DockingPlan* plan = std::get_if<DockingPlan>(&answer)) return plan->path;
