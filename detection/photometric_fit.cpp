@@ -1,5 +1,6 @@
 #include "detection/photometric_fit.h"
 
+#include <algorithm>
 #include <cmath>
 
 #include <Eigen/Cholesky>
@@ -23,6 +24,20 @@ bool plausible(const A::Vector& p) {
   return p.allFinite() && xx > least_blur && yy > least_blur && xx < most_blur && yy < most_blur &&
          xx * yy - p[A::blur_xy] * p[A::blur_xy] > least_blur * least_blur && std::abs(p[A::bleed]) < 0.35 &&
          p[A::tone] > 0.25 && p[A::tone] < 2.0;
+}
+
+/// Holds the blur where a pixel's box leaves it: without any optics it is 1/12, and edges that fall between pixels tell
+/// no blur at all. True if it had to be held.
+bool hold_blur(A::Vector& p) {
+  constexpr double held = 1.1 * least_blur;
+  const double most_xy = p[A::blur_xx] > held && p[A::blur_yy] > held
+                             ? std::sqrt((p[A::blur_xx] - least_blur) * (p[A::blur_yy] - least_blur))
+                             : 0.0;
+  const A::Vector before = p;
+  p[A::blur_xx] = std::max(p[A::blur_xx], held);
+  p[A::blur_yy] = std::max(p[A::blur_yy], held);
+  p[A::blur_xy] = std::clamp(p[A::blur_xy], -most_xy, most_xy);
+  return p != before;
 }
 
 Equations equations(const TagImageModel& model, std::vector<TagSample>& samples, const PixelNoise* noise) {
@@ -87,6 +102,7 @@ PhotometricFit fit_appearance(TagImageModel& model, std::vector<TagSample>& samp
       const TagAppearance last = model.appearance();
       TagAppearance next = last;
       for (Eigen::Index i = 0; i < step.size(); ++i) next.value[free[static_cast<std::size_t>(i)]] -= step[i];
+      const bool held = hold_blur(next.value);
       if (plausible(next.value)) {
         model.set(next);
         const Equations at = equations(model, samples, nullptr);
@@ -97,6 +113,11 @@ PhotometricFit fit_appearance(TagImageModel& model, std::vector<TagSample>& samp
           gain = fit.at.cost - at.cost;
           fit.at = at;
           better = true;
+        }
+        // At its bound the blur still pulls, though nothing can be gained.
+        if (held && !(gain > enough)) {
+          fit.converged = true;
+          break;
         }
       }
     }

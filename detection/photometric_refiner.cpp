@@ -141,6 +141,8 @@ class TagFit {
  private:
   /// Fits on a quarter of the pixels, which brings borders within hundredths of a pixel.
   std::optional<Unrefined> approach(const Corners& coarse, const Eigen::Matrix<double, 8, 1>& start);
+  /// A tag that fills a large image has more pixels than its model is exact for: every so many-th row and column do.
+  [[nodiscard]] int thinning() const { return std::max(1, static_cast<int>(region_.side_px / 500.0)); }
   void refit(bool noise_anew);
   void ask();
   void forgo();
@@ -169,7 +171,7 @@ std::optional<Unrefined> TagFit::approach(const Corners& coarse, const Eigen::Ma
   appearance.value[A::tone] = 1.0;
   model_.set(appearance);
   // A small tag needs all its pixels at once. Coarse corners are off by a few tenths of a pixel.
-  const int every = region_.side_px < 45.0 ? 1 : 2;
+  const int every = region_.side_px < 45.0 ? 1 : 2 * thinning();
   samples_ = select_samples(gray_, model_, region_, blur, every, 0.8);
   std::vector<double> whites;
   std::vector<double> blacks;
@@ -245,7 +247,7 @@ void TagFit::reweigh() {
 std::optional<Unrefined> TagFit::run(const Corners& coarse, const Eigen::Matrix<double, 8, 1>& start) {
   if (const auto why = approach(coarse, start)) return why;
   noise_ = measure_noise(model_, samples_, region_.side_px);
-  samples_ = select_samples(gray_, model_, region_, noise_.blur_px, 1, 0.3);
+  samples_ = select_samples(gray_, model_, region_, noise_.blur_px, thinning(), 0.3);
   if (samples_.size() < 40) return Unrefined::too_few_pixels;
   alike_ = rounded_alike(coarse, noise_);
   refit(false);

@@ -106,15 +106,18 @@ std::vector<TagSample> select_samples(const cv::Mat1b& gray, const TagImageModel
   const double reach = seen * blur_px + slack_px;
   const cv::Rect& pixels = region.pixels;
   std::vector<TagSample> flats;
-  samples.reserve(static_cast<std::size_t>(pixels.area() / (4 * every * every)));
-  flats.reserve(static_cast<std::size_t>(pixels.area() / (4 * every * every)));
+  // A tag fills about half of its region, and about half of its pixels are on borders.
+  samples.reserve(static_cast<std::size_t>(pixels.area() / (5 * every * every)));
+  flats.reserve(static_cast<std::size_t>(pixels.area() / (12 * every * every)));
   for (int row = pixels.y; row < pixels.y + pixels.height; row += every)
     for (int column = pixels.x; column < pixels.x + pixels.width; column += every) {
       const Vector2 at = region.place(region.lens.undistorted({column, row}));
       const double w = p[6] * at.x() + p[7] * at.y() + 1.0;
-      const double u = (p[0] * at.x() + p[1] * at.y() + p[2]) / w;
-      const double v = (p[3] * at.x() + p[4] * at.y() + p[5]) / w;
-      if (!(w > 0.0 && std::abs(u) < rim && std::abs(v) < rim)) continue;
+      const double u_w = p[0] * at.x() + p[1] * at.y() + p[2];
+      const double v_w = p[3] * at.x() + p[4] * at.y() + p[5];
+      if (!(std::abs(u_w) < rim * w && std::abs(v_w) < rim * w)) continue;
+      const double u = u_w / w;
+      const double v = v_w / w;
       TagSample sample;
       if (model.unknown_within_a_module(u, v)) {
         const double scale = 1.0 / (w * region.side_px);
@@ -142,7 +145,7 @@ std::vector<TagSample> select_samples(const cv::Mat1b& gray, const TagImageModel
       samples.push_back(sample);
     }
   // Some hundreds tell the levels and the noise well enough.
-  const std::size_t share = std::max<std::size_t>(1, flats.size() / enough_flats);
+  const std::size_t share = 1 + flats.size() / enough_flats;
   for (std::size_t i = 0; i < flats.size(); i += share) samples.push_back(flats[i]);
   return samples;
 }

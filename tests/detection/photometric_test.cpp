@@ -272,6 +272,34 @@ TEST_CASE("brighter light and whole-pixel shifts leave the corners where they ar
     CHECK((shifted.corners_px[k] - tag.corners_px[k] - Eigen::Vector2d(7.0, 11.0)).norm() < 0.0005);
 }
 
+TEST_CASE("a drawn tag without blur, its borders between pixels, is found and not refused") {
+  // As programs draw it: whole pixels, no noise. Borders lie half a pixel beside pixel centres.
+  for (const int white : {255, 200}) {
+    CAPTURE(white);
+    const TagPattern pattern = tag_pattern("tag36h11", 4);
+    const int module = 9;
+    cv::Mat1b image(pattern.cells * module + 30, pattern.cells * module + 30, static_cast<unsigned char>(white));
+    for (int row = 0; row < pattern.cells; ++row)
+      for (int column = 0; column < pattern.cells; ++column)
+        if (pattern.at(column, row) == TagPattern::black)
+          image(cv::Rect(15 + column * module, 15 + row * module, module, module)) =
+              static_cast<unsigned char>(255 - white);
+    const double low = 15 + module - 0.5;
+    const double high = low + 8 * module;
+    TagDetection coarse;
+    coarse.id = 4;
+    const Corners truth = {Eigen::Vector2d(low, low), Eigen::Vector2d(high, low), Eigen::Vector2d(high, high),
+                           Eigen::Vector2d(low, high)};
+    coarse.corners_px = truth;
+    coarse.corners_px[0] += Eigen::Vector2d(0.2, -0.1);
+    coarse.corners_px[2] += Eigen::Vector2d(-0.1, 0.2);
+    const Refinement result = refine_photometric(image, "tag36h11", coarse, {});
+    REQUIRE(std::holds_alternative<RefinedTag>(result));
+    // Clipped at both ends and without blur, such an image tells a border to a part of a pixel only.
+    CHECK(rms(std::get<RefinedTag>(result).corners_px, truth) < 0.15);
+  }
+}
+
 TEST_CASE("what is no tag is refused with a reason") {
   std::mt19937_64 random(20268);
   const Scene scene = random_scene("tag36h11", 2, 80.0, 0.4, random);
