@@ -140,6 +140,12 @@ void visit(Fields& fields, Config& config) {
 
 }  // namespace
 
+TagLocatorConfig locator_while_docking() {
+  TagLocatorConfig locator;
+  locator.method = CornerMethod::tanh;
+  return locator;
+}
+
 Config read_config(YamlMap map) {
   Config config;
   FieldReader reader(map);
@@ -164,8 +170,8 @@ Config parse_config(const std::string& text, const std::string& name) {
   return read_config(YamlMap::parse(text, name));
 }
 
-std::string to_yaml(const Config& config, int indent) {
-  FieldWriter writer(indent);
+std::string to_yaml(const Config& config) {
+  FieldWriter writer;
   Config copy = config;
   visit(writer, copy);
   return writer.text();

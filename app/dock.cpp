@@ -4,6 +4,7 @@
 #include <fstream>
 #include <iostream>
 #include <memory>
+#include <sstream>
 #include <unistd.h>
 
 #include "app/config.h"
@@ -76,9 +77,13 @@ Config configuration(const DockOptions& options) {
   return parse_config(to_yaml(config), "(configuration of this docking)");
 }
 
-std::string session_yaml(const Config& config, const Devices& devices, std::uint64_t seed) {
-  return "format: 1\nprogram: \"tagdock " TAGDOCK_VERSION "\"\nseed: " + std::to_string(seed) + "\ncamera_name: \"" +
-         devices.camera_name + "\"\nconfig:\n" + to_yaml(config, 2);
+// @param config_text  what the configuration of the run was parsed from
+std::string session_yaml(const std::string& config_text, const Devices& devices, std::uint64_t seed) {
+  std::string text = "format: 1\nprogram: \"tagdock " TAGDOCK_VERSION "\"\nseed: " + std::to_string(seed) +
+                     "\ncamera_name: \"" + devices.camera_name + "\"\nconfig:\n";
+  std::istringstream lines(config_text);
+  for (std::string line; std::getline(lines, line);) text += "  " + line + "\n";
+  return text;
 }
 
 std::string sensor_yaml(const Config& config) {
@@ -155,7 +160,7 @@ std::string progress_words(const Docker& docker, const TickResult& result, const
 
 class Docking {
  public:
-  Docking(const DockOptions& options, const Config& config, Devices& devices)
+  Docking(const DockOptions& options, const Config& config, const std::string& config_text, Devices& devices)
       : options_(options),
         config_(config),
         devices_(devices),
@@ -163,7 +168,7 @@ class Docking {
         T_base_camera_(camera_point(config.rig)),
         talk_(options.json) {
     if (!options.record.empty())
-      recorder_ = std::make_unique<SessionRecorder>(options.record, session_yaml(config, devices, options.seed),
+      recorder_ = std::make_unique<SessionRecorder>(options.record, session_yaml(config_text, devices, options.seed),
                                                     sensor_yaml(config), options.speedup.has_value());
     if (options.view) view_ = std::make_unique<View>("tagdock", config.rig.camera.width, config.rig.camera.height);
     story_.board = config.board;
@@ -308,8 +313,9 @@ int dock(const DockOptions& options) {
   Config config = configuration(options);
   Devices devices = open_devices(config, {options.seed, options.speedup});
   config.rig.camera = devices.camera_model;
-  config = parse_config(to_yaml(config), "(configuration of this docking)");
-  Docking docking(options, config, devices);
+  const std::string config_text = to_yaml(config);
+  config = parse_config(config_text, "(configuration of this docking)");
+  Docking docking(options, config, config_text, devices);
   const DockingReport report = docking.run();
   const std::string words = summary(report);
   if (options.json)

@@ -67,7 +67,9 @@ nlohmann::ordered_json to_json(const DockingReport& report) {
   json["result"] = report.interrupted ? "interrupted" : std::string(name(report.last));
   const std::optional<Reason> reason = reason_of(report.last);
   json["reason"] = reason ? reason->sentence : report.interrupted ? "interrupted by a person" : "";
-  json["cause"] = reason ? std::string(word(reason->cause)) : "";
+  std::string cause = reason ? std::string(word(reason->cause)) : "";
+  std::replace(cause.begin(), cause.end(), ' ', '_');
+  json["cause"] = cause;
   json["exit_code"] = static_cast<int>(exit_code(report));
   json["attempts"] = job_of(report.last).attempts;
   json["duration_s"] = std::chrono::duration<double>(report.duration).count();

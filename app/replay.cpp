@@ -47,7 +47,7 @@ int replay_session(const ReplayOptions& options) {
     throw Failure(ExitCode::usage,
                   "--method is " + options.method + "; it must be one of apriltag tanh filter erf best");
   if (!options.method.empty()) config.locator.method = *corner_method(options.method);
-  config = parse_config(to_yaml(config), "(configuration of this replay)");
+  config.docking.rig = config.rig;
 
   const auto begin = std::chrono::steady_clock::now();
   const ReplayResult result =
