@@ -1,4 +1,6 @@
 // Verb: images -> tags, corners, poses.
+#include "app/detect.h"
+
 #include <algorithm>
 #include <array>
 #include <charconv>
@@ -30,22 +32,6 @@
 
 namespace tagdock {
 namespace {
-
-struct Options {
-  std::vector<std::string> images;
-  std::string list;
-  std::string root;
-  std::string camera;
-  std::string family = "tag36h11";
-  double tag_size = 0.0;
-  std::string sizes;
-  std::string method = "best";
-  int decimate = 1;
-  int max_hamming = 1;
-  std::string output;
-  std::string annotate;
-  bool json = false;
-};
 
 /// One image to be looked at, and what is known of it.
 struct Job {
@@ -180,7 +166,7 @@ std::optional<CameraModel> listed_camera(const Table& table, std::size_t row) {
   return camera;
 }
 
-std::vector<Job> jobs_of(const Options& options) {
+std::vector<Job> jobs_of(const DetectOptions& options) {
   std::vector<Job> jobs;
   for (const std::string& image : options.images) {
     const std::filesystem::path file =
@@ -397,7 +383,7 @@ class Album {
 /// Where the result goes: a file or stdout, as CSV line by line or as one JSON object at the end.
 class Report {
  public:
-  explicit Report(const Options& options) : name_(options.output), json_(options.json) {
+  explicit Report(const DetectOptions& options) : name_(options.output), json_(options.json) {
     if (!name_.empty()) {
       file_.open(name_, std::ios::binary | std::ios::trunc);
       if (!file_) refuse("--output " + name_ + ": cannot be written");
@@ -443,7 +429,7 @@ class Report {
 /// Detectors by family, each made once: their tables take up to a second.
 class Detectors {
  public:
-  explicit Detectors(const Options& options) : options_(options) {}
+  explicit Detectors(const DetectOptions& options) : options_(options) {}
 
   const TagDetector& of(const std::string& family) {
     std::unique_ptr<TagDetector>& detector = made_[family];
@@ -462,7 +448,7 @@ class Detectors {
   }
 
  private:
-  const Options& options_;
+  const DetectOptions& options_;
   std::map<std::string, std::unique_ptr<TagDetector>> made_;
 };
 
@@ -479,7 +465,9 @@ std::optional<CameraModel> camera_of(const Job& job, const std::optional<CameraF
   return file->camera();
 }
 
-int run(const Options& options) {
+}  // namespace
+
+int detect_images(const DetectOptions& options) {
   const std::optional<CornerMethod> method = corner_method(options.method);
   if (!method) refuse("--method " + options.method + " is unknown; known are apriltag, tanh, filter, erf, best");
   if (options.images.empty() && options.list.empty()) refuse("detect needs images or --list FILE.csv");
@@ -516,6 +504,8 @@ int run(const Options& options) {
   return static_cast<int>(all_read ? ExitCode::done : ExitCode::usage);
 }
 
+namespace {
+
 const char* const details =
     "Output, one line a tag (SI, px; pixel (0, 0) is the centre of the top-left pixel):\n"
     "  image,id              as given; the tag's number\n"
@@ -544,7 +534,7 @@ const char* const details =
 }  // namespace
 
 void add_detect(CLI::App& program, Action& action) {
-  const auto options = std::make_shared<Options>();
+  const auto options = std::make_shared<DetectOptions>();
   CLI::App* verb = program.add_subcommand("detect", "images -> tags, corners, poses");
   verb->add_option("images", options->images, "image files (PNG, JPEG, PGM ...; 8 or 16 bit, grey or colour)");
   verb->add_option("--list", options->list,
@@ -564,7 +554,7 @@ void add_detect(CLI::App& program, Action& action) {
   verb->add_option("--annotate", options->annotate, "folder for pictures with outline, id, corners and axes");
   verb->add_flag("--json", options->json, "one JSON object instead of CSV");
   verb->footer(details);
-  verb->callback([options, &action] { action = [options] { return run(*options); }; });
+  verb->callback([options, &action] { action = [options] { return detect_images(*options); }; });
 }
 
 }  // namespace tagdock

@@ -11,6 +11,7 @@
 #include <opencv2/imgproc.hpp>
 
 #include "app/failure.h"
+#include "app/image_file.h"
 
 namespace tagdock {
 
@@ -107,30 +108,13 @@ std::vector<std::filesystem::path> numbered_pictures(const std::string& pattern)
   return files;
 }
 
-}  // namespace
-
-cv::Mat1b read_gray(const std::filesystem::path& file) {
-  cv::Mat stored;
-  std::string reason;
-  try {
-    stored = cv::imread(file.string(), cv::IMREAD_ANYCOLOR | cv::IMREAD_ANYDEPTH | cv::IMREAD_IGNORE_ORIENTATION);
-  } catch (const cv::Exception& error) {
-    reason = ": " + error.err;
-  }
-  if (stored.empty()) {
-    if (!std::filesystem::exists(file)) reason = ": there is no such file";
-    throw Failure(ExitCode::usage, "cannot read the picture " + file.string() + reason);
-  }
-  if (stored.channels() == 3) cv::cvtColor(stored, stored, cv::COLOR_BGR2GRAY);
-  if (stored.channels() == 4) cv::cvtColor(stored, stored, cv::COLOR_BGRA2GRAY);
-  if (stored.depth() == CV_16U) {
-    constexpr double to_8_bit = 1.0 / 257.0;  // 65535 is 255, 0 is 0
-    stored.convertTo(stored, CV_8U, to_8_bit);
-  }
-  if (stored.type() != CV_8UC1)
-    throw Failure(ExitCode::usage, "the picture " + file.string() + " has neither 8 nor 16 bits a channel");
-  return stored;
+cv::Mat1b readable(const std::filesystem::path& file) {
+  const auto image = read_grey(file);
+  if (const std::string* sentence = std::get_if<std::string>(&image)) throw Failure(ExitCode::usage, *sentence);
+  return std::get<cv::Mat1b>(image);
 }
+
+}  // namespace
 
 std::vector<std::filesystem::path> list_images(const std::string& where) {
   const bool folder = std::filesystem::is_directory(where);
@@ -167,7 +151,7 @@ std::optional<CameraFrame> ImageSequence::newest(nanoseconds now) {
 std::optional<CameraFrame> ImageSequence::next() {
   if (next_ >= files_.size()) return std::nullopt;
   CameraFrame frame;
-  frame.frame = Frame{read_gray(files_[next_]), time_of(next_), next_};
+  frame.frame = Frame{readable(files_[next_]), time_of(next_), next_};
   frame.arrived = frame.camera_time = frame.frame.time;
   size_ = frame.frame.gray.size();
   ++next_;

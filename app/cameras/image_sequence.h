@@ -12,11 +12,6 @@
 
 namespace tagdock {
 
-/// Reads a picture as 8-bit grey: PGM, PNG, JPEG and whatever else OpenCV reads, 8 or 16 bit (65535 becomes 255),
-/// colour by luma. Pixels stay as stored: an orientation tag is not applied, since a camera model is of the sensor.
-/// @throws Failure (usage) with the file's name when it cannot be read
-cv::Mat1b read_gray(const std::filesystem::path& file);
-
 /// The pictures that `where` names, in order: a folder (its pictures by name, numbers inside names by value), or a
 /// numbered pattern as ViSP writes it ("I%04d.pgm"; consecutive, from the smallest number that exists).
 /// @throws Failure (usage) when there is none

@@ -7,6 +7,7 @@
 
 #include "app/cameras/image_sequence.h"
 #include "app/failure.h"
+#include "app/image_file.h"
 
 namespace tagdock {
 namespace {
@@ -103,7 +104,7 @@ TEST_CASE("16 bits and colours become 8-bit grey") {
   deep(1, 2) = 100 * 257;
   for (const char* name : {"deep.png", "deep.pgm"}) {
     cv::imwrite(folder / name, deep);
-    const cv::Mat1b gray = read_gray(folder / name);
+    const cv::Mat1b gray = std::get<cv::Mat1b>(read_grey(folder / name));
     CHECK(gray(0, 0) == 0);
     CHECK(gray(0, 1) == 255);
     CHECK(gray(1, 2) == 100);
@@ -113,7 +114,7 @@ TEST_CASE("16 bits and colours become 8-bit grey") {
   colour(0, 1) = {0, 255, 0};
   colour(0, 2) = {0, 0, 255};
   cv::imwrite(folder / "colour.png", colour);
-  const cv::Mat1b luma = read_gray(folder / "colour.png");
+  const cv::Mat1b luma = std::get<cv::Mat1b>(read_grey(folder / "colour.png"));
   // Rec. 601 luma of full blue, green and red: 0.114, 0.587 and 0.299 of 255, rounded.
   CHECK(luma(0, 0) == 29);
   CHECK(luma(0, 1) == 150);
@@ -128,8 +129,8 @@ TEST_CASE("an unreadable picture is told by its file's name") {
   ImageSequence camera({folder.text(), 10.0});
   CHECK(camera.next());
   CHECK_THAT(failure_of([&] { camera.next(); }), Catch::Contains("b.pgm"));
-  CHECK_THAT(failure_of([&] { read_gray(folder / "c.png"); }), Catch::Contains("c.png"));
-  CHECK_THAT(failure_of([&] { read_gray(folder / "d.png"); }),
+  CHECK_THAT(std::get<std::string>(read_grey(folder / "c.png")), Catch::Contains("c.png"));
+  CHECK_THAT(std::get<std::string>(read_grey(folder / "d.png")),
              Catch::Contains("d.png") && Catch::Contains("no such file"));
 }
 

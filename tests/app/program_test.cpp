@@ -1,4 +1,5 @@
 // The program as a person or a script meets it: arguments in, exit code, words and files out.
+#include <algorithm>
 #include <cstdlib>
 #include <filesystem>
 #include <fstream>
@@ -88,7 +89,7 @@ TEST_CASE("a simulated docking ends docked, repeats itself, and its recording re
   CHECK(nlohmann::json::parse(other.out)["differences"].get<int>() > 0);
 }
 
-TEST_CASE("a wrong configuration is refused with file, line and key") {
+TEST_CASE("a wrong configuration is refused with file, line and key", "[quick]") {
   const Scratch scratch;
   const std::string config = scratch.write("dock.yaml", "docking:\n  servo: {max_sped: 0.1}\n");
   const Run bad = run(scratch, "dock --config " + config);
@@ -102,14 +103,14 @@ TEST_CASE("a wrong configuration is refused with file, line and key") {
   CHECK(run(scratch, "--help").code == 0);
 }
 
-TEST_CASE("a folder that cannot be recorded into is refused before anything moves") {
+TEST_CASE("a folder that cannot be recorded into is refused before anything moves", "[quick]") {
   const Scratch scratch;
   const Run bad = run(scratch, "dock --speedup 0 --record /proc/nowhere/session");
   CHECK(bad.code == 2);
   CHECK_THAT(bad.err, Contains("/proc/nowhere/session"));
 }
 
-TEST_CASE("a camera address with nobody there is said as such") {
+TEST_CASE("a camera address with nobody there is said as such", "[quick]") {
   const Scratch scratch;
   const Run nobody = run(scratch, "dock --camera gige:127.0.0.77 --robot none");
   CHECK(nobody.code == 3);
@@ -130,7 +131,7 @@ TEST_CASE("a board that is not there ends with exit code 4 and the robot at rest
   CHECK(report["final"]["pose_error_estimated"].is_null());
 }
 
-TEST_CASE("NaN from odometry stops the robot and ends with exit code 5") {
+TEST_CASE("NaN from odometry stops the robot and ends with exit code 5", "[quick]") {
   const Scratch scratch;
   const std::string config =
       scratch.write("dock.yaml", few_frames + "simulation: {faults: {odometry_nan_at_s: 6.0}}\n");
@@ -152,7 +153,29 @@ TEST_CASE("a camera that dies in the middle of a docking stops the robot and end
   CHECK(nlohmann::json::parse(stopped.out)["cause"] == "camera_lost");
 }
 
-TEST_CASE("the window shows a docking on a screen, and without a screen says what to do") {
+TEST_CASE("a folder of images gives tags, annotated pictures and, with rig and board, sightings", "[quick]") {
+  const Scratch scratch;
+  const std::filesystem::path photograph = "/usr/share/visp-images-data/ViSP-images/AprilTag/AprilTag.pgm";
+  REQUIRE(std::filesystem::exists(photograph));  // package visp-images-data
+  std::filesystem::create_directories(scratch.folder / "photos");
+  std::filesystem::copy_file(photograph, scratch.folder / "photos" / "a.pgm");
+  const Run seen = run(scratch, "replay " + scratch.path("photos") + " --output " + scratch.path("seen"));
+  INFO(seen.err);
+  CHECK(seen.code == 0);
+  const std::string tags = contents(scratch.folder / "seen" / "tags.csv");
+  CHECK(std::count(tags.begin(), tags.end(), '\n') == 13);  // a header and twelve tags
+  CHECK(std::filesystem::file_size(scratch.folder / "seen" / "a.png") > 10000);
+
+  std::ofstream(scratch.folder / "photos" / "b.png") << "not a picture";
+  const Run spoiled = run(scratch, "replay " + scratch.path("photos") + " --output " + scratch.path("seen2"));
+  CHECK(spoiled.code == 2);
+  CHECK_THAT(spoiled.err, Contains("b.png"));
+  CHECK(contents(scratch.folder / "seen2" / "tags.csv").size() >= tags.size());
+  CHECK(run(scratch, "replay " + scratch.path("photos") + " --compare").code == 2);
+  CHECK(run(scratch, "replay " + scratch.path("nowhere")).code == 2);
+}
+
+TEST_CASE("the window shows a docking on a screen, and without a screen says what to do", "[quick]") {
   const Scratch scratch;
   const std::string config =
       scratch.write("dock.yaml", "camera: {frame_rate: 4}\nsimulation: {faults: {odometry_nan_at_s: 3.0}}\n");
@@ -165,7 +188,7 @@ TEST_CASE("the window shows a docking on a screen, and without a screen says wha
   CHECK(seen.code == 5);  // it ran until the odometry broke, with the window
 }
 
-TEST_CASE("the doctor finds nothing at fault with the defaults, and names what is wrong with a file") {
+TEST_CASE("the doctor finds nothing at fault with the defaults, and names what is wrong with a file", "[quick]") {
   const Scratch scratch;
   const Run fit = run(scratch, "doctor --json");
   INFO(fit.out);
