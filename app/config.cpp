@@ -84,6 +84,7 @@ void visit(Fields& fields, DockingConfig& docking) {
     inner.number("acceleration", segments.acceleration, 0.01, 3.0);
     inner.number("deceleration", segments.deceleration, 0.01, 3.0);
     inner.flag("fuse_sightings", docking.fuse_in_segments);
+    inner.number("fused_damping", docking.fused_damping, 0.001, 1.0);
   });
   fields.group("servo", [&](Fields& inner) {
     std::string law = docking.servo.law == ServoLaw::line ? "line" : "centering";

@@ -406,6 +406,7 @@ Step step_following(const Following& before, const Inputs& inputs, const Docking
   if (!now.blind) controller.end_speed = 0.05;  // m/s; the line law takes over in motion
   const Pose2 by_odometry = now.T_station_odom * inputs.odometry.T_odom_base;
   const Pose2 pose = config.fuse_in_segments ? inputs.estimate->T_station_base : by_odometry;
+  if (config.fuse_in_segments) controller.damping = config.fused_damping;
   const FollowStep driven = follow(now.path, now.follow, pose, inputs.step, controller);
   now.follow = driven.next;
   constexpr double hand_over = 0.010;  // m before the end

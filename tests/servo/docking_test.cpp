@@ -73,6 +73,7 @@ Cause cause_of(const Outcome& outcome) {
 }  // namespace
 
 TEST_CASE("twenty robots that slip, lag and drift dock within 10 mm and 1 degree from 3.45 m") {
+  int first_attempts = 0;
   for (unsigned seed = 1; seed <= 20; ++seed) {
     CAPTURE(seed);
     const Outcome outcome = docking(seed);
@@ -82,8 +83,11 @@ TEST_CASE("twenty robots that slip, lag and drift dock within 10 mm and 1 degree
     CHECK(std::abs(outcome.true_error.x) < 0.010);
     CHECK(std::abs(outcome.true_error.y) < 0.010);
     CHECK(std::abs(outcome.true_error.yaw) < radians(1.0));
-    CHECK(outcome.time < std::chrono::seconds(30));
+    // About 21 s, and one back-off with a second run of 25 s at most.
+    CHECK(outcome.time < std::chrono::seconds(50));
+    if (job_of(outcome.phase).attempts == 1) ++first_attempts;
   }
+  CHECK(first_attempts >= 17);
 }
 
 TEST_CASE("the fix that is reported agrees with the truth within its own three sigma and a tenth of a millimetre") {
