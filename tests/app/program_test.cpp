@@ -170,7 +170,8 @@ TEST_CASE("a folder of images gives tags, annotated pictures and, with rig and b
   const Run spoiled = run(scratch, "replay " + scratch.path("photos") + " --output " + scratch.path("seen2"));
   CHECK(spoiled.code == 2);
   CHECK_THAT(spoiled.err, Contains("b.png"));
-  CHECK(contents(scratch.folder / "seen2" / "tags.csv").size() >= tags.size());
+  const std::string rest = contents(scratch.folder / "seen2" / "tags.csv");
+  CHECK(std::count(rest.begin(), rest.end(), '\n') == 13);  // the good image is still done
   CHECK(run(scratch, "replay " + scratch.path("photos") + " --compare").code == 2);
   CHECK(run(scratch, "replay " + scratch.path("nowhere")).code == 2);
 }
