@@ -92,9 +92,14 @@ std::string docking_picture(const DockingStory& story) {
   Svg svg(width, 860);
   if (!story.last_image.empty()) draw_image(svg, story, {20, 20}, image_height);
   double row = 40;
-  for (const std::string& line : story.lines) {
-    svg.text({image_width + 40, row}, line, 13);
-    row += 19;
+  constexpr std::size_t letters = 66;  // that fit beside the image
+  for (std::string line : story.lines) {
+    while (!line.empty()) {
+      const std::size_t space = line.size() > letters ? line.rfind(' ', letters) : std::string::npos;
+      svg.text({image_width + 40, row}, line.substr(0, space), 13);
+      row += 18;
+      line = space == std::string::npos ? "" : "    " + line.substr(space + 1);
+    }
   }
   Curve x{{}, "stroke:#c05010;stroke-width:1.5", "x"};
   Curve y{{}, "stroke:#2060c0;stroke-width:1.5", "y"};
