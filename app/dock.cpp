@@ -40,6 +40,7 @@ struct DockOptions {
   std::optional<double> speedup;
   std::string report;
   std::string picture;
+  std::string write_config;
   bool view = false;
   bool json = false;
 };
@@ -311,6 +312,13 @@ int dock(const DockOptions& options) {
   if (options.speedup && !(*options.speedup >= 0.0))
     throw Failure(ExitCode::usage, "--speedup must be 0 (as fast as it can) or more");
   Config config = configuration(options);
+  if (!options.write_config.empty()) {
+    if (options.write_config == "-")
+      std::cout << to_yaml(config);
+    else
+      write_file(options.write_config, to_yaml(config), "--write-config");
+    return static_cast<int>(ExitCode::done);
+  }
   Devices devices = open_devices(config, {options.seed, options.speedup});
   config.rig.camera = devices.camera_model;
   const std::string config_text = to_yaml(config);
@@ -355,6 +363,8 @@ void add_dock(CLI::App& program, Action& action) {
                    "simulation: frames in-process, this many times faster than real; 0 as fast as it can");
   verb->add_option("--report", options->report, "write what the docking came to, as JSON");
   verb->add_option("--picture", options->picture, "write the docking at a glance, as SVG");
+  verb->add_option("--write-config", options->write_config,
+                   "write every key of the configuration that would be used, as YAML (- is stdout), and do not dock");
   verb->add_flag("--view", options->view, "window with the live image, the tags and the target");
   verb->add_flag("--json", options->json, "the report on stdout instead of words");
   verb->footer(

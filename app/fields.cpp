@@ -1,18 +1,23 @@
 #include "app/fields.h"
 
 #include <algorithm>
+#include <charconv>
 #include <cmath>
-#include <cstdio>
 
 #include "planning/pose2.h"
 
 namespace tagdock {
 namespace {
 
+// The shortest text that reads back as the same number to the last bit: people edit these files.
 std::string digits(double value) {
   char text[32];
-  std::snprintf(text, sizeof text, "%.17g", value);
-  return text;
+  const std::to_chars_result end = std::to_chars(text, text + sizeof text, value);
+  std::string result(text, end.ptr);
+  // YAML 1.1 takes a number with an exponent and without a point for a word.
+  const std::size_t exponent = result.find('e');
+  if (exponent != std::string::npos && result.find('.') == std::string::npos) result.insert(exponent, ".0");
+  return result;
 }
 
 std::string in_quotes(const std::string& text) {

@@ -54,7 +54,7 @@ class FieldReader final : public Fields {
   YamlMap map_;
 };
 
-/// Writes every key, numbers with 17 digits, as YAML.
+/// Writes every key as YAML; numbers as short as reads back to the last bit.
 class FieldWriter final : public Fields {
  public:
   explicit FieldWriter(int indent = 0) : indent_(indent) {}
