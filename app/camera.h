@@ -36,8 +36,9 @@ struct CameraSettings {
   std::string identity;  ///< vendor, model and serial number, or the folder of a recorded camera
   int sensor_width = 0;  ///< [px]
   int sensor_height = 0;
-  /// What of the sensor the frames show. A camera model holds for the sensor: pixel (0, 0) of a frame is the sensor's
-  /// (offset_x, offset_y), so the principal point moves by minus the offset.
+  /// How many pixels of the sensor, in each direction, were averaged into one of the frame.
+  int binning = 1;
+  /// What of the (binned) sensor the frames show: pixel (0, 0) of a frame is the binned sensor's (offset_x, offset_y).
   int offset_x = 0;
   int offset_y = 0;
   int width = 0;

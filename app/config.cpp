@@ -31,6 +31,7 @@ void visit(Fields& fields, CameraConfig& camera) {
   fields.number("exposure_us", camera.exposure_us, 10.0, 100000.0);
   fields.number("gain", camera.gain, 0.0, 48.0);
   fields.number("frame_rate", camera.frame_rate, 1.0, 200.0);
+  fields.integer("receive_buffer_bytes", camera.receive_buffer, 65536, 1 << 30);
   fields.number("latency_ms", camera.latency_ms, 0.0, 1000.0);
 }
 

@@ -17,8 +17,9 @@ struct CameraConfig {
   std::string source = "sim";  ///< sim, gige:127.x.y.z, gige:SERIAL or images:DIR
   double exposure_us = 5000.0;
   double gain = 0.0;
-  double frame_rate = 25.0;  ///< 1/s
-  double latency_ms = 80.0;  ///< from mid-exposure to arrival, declared; the ages of frames count beyond it
+  double frame_rate = 25.0;      ///< 1/s
+  int receive_buffer = 4 << 20;  ///< bytes asked of the kernel for a GigE stream; frames are made to fit what it grants
+  double latency_ms = 80.0;      ///< from mid-exposure to arrival, declared; the ages of frames count beyond it
 };
 
 /// The simulated world; nothing that docks reads it.

@@ -65,18 +65,15 @@ GigeSettings gige_settings(const Config& config) {
   settings.gain = config.camera.gain;
   settings.width = config.rig.camera.width;
   settings.height = config.rig.camera.height;
+  settings.receive_buffer = static_cast<std::size_t>(config.camera.receive_buffer);
   settings.declared_latency = nanoseconds(static_cast<std::int64_t>(std::llround(config.camera.latency_ms * 1e6)));
   return settings;
 }
 
-// The camera model of what is sent: where only a part of the sensor fits, the principal point moves with it.
-CameraModel model_of_frames(CameraModel camera, const CameraSettings& actual) {
+// The camera model of what is sent.
+CameraModel model_of_frames(const CameraModel& camera, const CameraSettings& actual) {
   if (actual.width == 0 || actual.height == 0) return camera;
-  camera.cx -= actual.offset_x;
-  camera.cy -= actual.offset_y;
-  camera.width = actual.width;
-  camera.height = actual.height;
-  return camera;
+  return camera_of_part(camera, actual.binning, actual.offset_x, actual.offset_y, actual.width, actual.height);
 }
 
 std::shared_ptr<SharedWorld> make_world(const Config& config, std::uint64_t seed) {
@@ -125,6 +122,7 @@ Devices open_devices(const Config& config, const DeviceOptions& options) {
   const CameraSettings actual = devices.camera->actual();
   devices.notes = actual.notes;
   devices.camera_model = model_of_frames(config.rig.camera, actual);
+  devices.binning = actual.binning;
 
   if (config.robot == "sim") {
     devices.robot = simulated_robot(world, config.simulation.faults, now);

@@ -32,9 +32,10 @@ struct Devices {
   std::function<Pose2()> true_camera_point;
   std::string camera_name;         ///< for people: what was opened
   std::vector<std::string> notes;  ///< sentences for a person: what the camera does differently from what was asked
-  /// The camera model that belongs to the frames as they come: the rig's, or a part of it where the receive buffer
-  /// allowed only a smaller region.
+  /// The camera model that belongs to the frames as they come: the rig's, or a part of it or a coarser one where the
+  /// receive buffer did not allow whole frames.
   CameraModel camera_model;
+  int binning = 1;  ///< sensor pixels a frame's pixel is averaged from, in each direction
 };
 
 struct DeviceOptions {

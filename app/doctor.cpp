@@ -57,9 +57,12 @@ Finding check_receive_buffer(const Config& config) {
   const std::string figures = "receive buffer for " + std::to_string(size.width) + "x" + std::to_string(size.height) +
                               ": " + std::to_string(granted) + " of " + std::to_string(needed) + " bytes granted";
   if (granted >= needed) return {Verdict::good, figures, ""};
-  const RegionSize fits = region_that_fits(size, granted);
+  const SmallerImage coarser = image_that_fits(size, granted, 2);
+  const RegionSize part = region_that_fits(size, granted);
   return {Verdict::advice,
-          figures + "; frames would be " + std::to_string(fits.width) + "x" + std::to_string(fits.height) + " only",
+          figures + "; frames would be " + std::to_string(coarser.size.width) + "x" +
+              std::to_string(coarser.size.height) + " only, from a camera that cannot bin pixels " +
+              std::to_string(part.width) + "x" + std::to_string(part.height) + " of the view",
           "as root: sysctl -w net.core.rmem_max=" + std::to_string(needed) +
               "   (and the same line in /etc/sysctl.d to keep it)"};
 }

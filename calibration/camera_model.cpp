@@ -72,6 +72,17 @@ std::optional<Eigen::Vector2d> unproject(const CameraModel& camera, const Eigen:
   return undistort(camera, {(pixel.x() - camera.cx) / camera.fx, (pixel.y() - camera.cy) / camera.fy});
 }
 
+CameraModel camera_of_part(const CameraModel& camera, int binning, int offset_x, int offset_y, int width, int height) {
+  CameraModel part = camera;
+  part.fx /= binning;
+  part.fy /= binning;
+  part.cx = (camera.cx + 0.5) / binning - 0.5 - offset_x;
+  part.cy = (camera.cy + 0.5) / binning - 0.5 - offset_y;
+  part.width = width;
+  part.height = height;
+  return part;
+}
+
 double horizontal_view(const CameraModel& camera) {
   return std::atan(camera.cx / camera.fx) + std::atan((camera.width - 1 - camera.cx) / camera.fx);
 }

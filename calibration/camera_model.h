@@ -38,6 +38,11 @@ Projection project_with_jacobian(const CameraModel& camera, const Eigen::Vector3
 /// Where the line of sight of a pixel meets the plane z = 1 of the camera frame; none as in `undistort`.
 std::optional<Eigen::Vector2d> unproject(const CameraModel& camera, const Eigen::Vector2d& pixel);
 
+/// The model of a part of the picture whose pixels are the mean of `binning` x `binning` pixels each. The centre of
+/// such a pixel lies between the centres that it covers: u = (u_sensor + 0.5) / binning - 0.5 - offset_x.
+/// @param offset_x, offset_y, width, height  of the part [binned px]
+CameraModel camera_of_part(const CameraModel& camera, int binning, int offset_x, int offset_y, int width, int height);
+
 /// Horizontal field of view between the outer pixel centres on the row of the principal point [rad], without
 /// distortion.
 double horizontal_view(const CameraModel& camera);

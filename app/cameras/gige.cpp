@@ -205,6 +205,31 @@ class Connection {
     return made;
   }
 
+  /// Pixels that the camera can average in each direction; 1 if it cannot.
+  int most_binning() {
+    if (!arv_camera_is_binning_available(camera_.get(), nullptr)) return 1;
+    gint least = 1, most_x = 1, most_y = 1;
+    arv_camera_get_x_binning_bounds(camera_.get(), &least, &most_x, nullptr);
+    arv_camera_get_y_binning_bounds(camera_.get(), &least, &most_y, nullptr);
+    return std::max(1, std::min(most_x, most_y));
+  }
+
+  /// Also back to 1: the camera keeps what its last controller set.
+  void set_binning(int binning) {
+    actual_.binning = binning;
+    if (!arv_camera_is_binning_available(camera_.get(), nullptr)) return;
+    ArvError error;
+    // Cameras that can sum instead would saturate.
+    for (const char* mode : {"BinningHorizontalMode", "BinningVerticalMode"})
+      if (arv_camera_is_feature_available(camera_.get(), mode, nullptr))
+        arv_camera_set_string(camera_.get(), mode, "Average", nullptr);
+    arv_camera_set_binning(camera_.get(), binning, binning, error.out());
+    gint made_x = 0, made_y = 0;
+    if (!error) arv_camera_get_binning(camera_.get(), &made_x, &made_y, error.out());
+    if (error || made_x != binning || made_y != binning)
+      fail("the camera refuses to bin " + std::to_string(binning) + "x" + std::to_string(binning) + " pixels", error);
+  }
+
   void set_region(const GigeSettings& settings) {
     ArvError error;
     arv_camera_get_sensor_size(camera_.get(), &actual_.sensor_width, &actual_.sensor_height, error.out());
@@ -224,23 +249,31 @@ class Connection {
     }
     const RegionSize wanted{width, height};
     const std::size_t granted = granted_receive_buffer(settings.receive_buffer);
-    const RegionSize fits = region_that_fits(wanted, granted);
-    if (fits != wanted) {
+    const SmallerImage fits = image_that_fits(wanted, granted, most_binning());
+    // Offsets first to zero, or the old ones would bound the new size.
+    for (const char* offset : {"OffsetX", "OffsetY"}) {
+      arv_camera_set_integer(camera_.get(), offset, 0, error.out());
+      if (error) fail(std::string("the camera refuses ") + offset + " 0", error);
+    }
+    set_binning(fits.binning);
+    if (fits != SmallerImage{1, wanted}) {
       constexpr int step = 8;  // offsets of most cameras go in steps of 2, 4 or 8 pixels
-      x += (width - fits.width) / 2 / step * step;
-      y += (height - fits.height) / 2 / step * step;
+      x = (x + (width - fits.size.width * fits.binning) / 2) / fits.binning / step * step;
+      y = (y + (height - fits.size.height * fits.binning) / 2) / fits.binning / step * step;
       std::ostringstream sentence;
       sentence << "the kernel grants " << granted << " bytes of receive buffer, frames of " << width << "x" << height
-               << " need " << needed_receive_buffer(wanted) << ": going on with " << fits.width << "x" << fits.height
-               << " at (" << x << ", " << y
-               << "); for whole frames run: sudo sysctl -w net.core.rmem_max=" << GigeSettings{}.receive_buffer;
+               << " need " << needed_receive_buffer(wanted) << ": going on with " << fits.size.width << "x"
+               << fits.size.height << " pixels";
+      if (fits.binning > 1)
+        sentence << " of " << fits.binning << "x" << fits.binning << " each (coarser, with the same view)";
+      else
+        sentence << " at (" << x << ", " << y << "), a part of the view (this camera cannot bin pixels)";
+      sentence << "; for whole frames run: sudo sysctl -w net.core.rmem_max=" << GigeSettings{}.receive_buffer;
       actual_.notes.push_back(sentence.str());
-      width = fits.width;
-      height = fits.height;
+      width = fits.size.width;
+      height = fits.size.height;
     }
-    // Offsets first to zero, or the old ones would bound the new size.
-    const std::pair<const char*, int> writes[] = {{"OffsetX", 0},     {"OffsetY", 0}, {"Width", width},
-                                                  {"Height", height}, {"OffsetX", x}, {"OffsetY", y}};
+    const std::pair<const char*, int> writes[] = {{"Width", width}, {"Height", height}, {"OffsetX", x}, {"OffsetY", y}};
     for (const auto& [feature, value] : writes) {
       arv_camera_set_integer(camera_.get(), feature, value, error.out());
       if (error) fail(std::string("the camera refuses ") + feature + " " + std::to_string(value), error);

@@ -24,6 +24,20 @@ RegionSize region_that_fits(const RegionSize& wanted, std::size_t granted) {
   return {std::min(wanted.width, smaller.back().width), std::min(wanted.height, smaller.back().height)};
 }
 
+SmallerImage image_that_fits(const RegionSize& wanted, std::size_t granted, int most_binning) {
+  constexpr int row_step = 16;  // heights of most cameras go in steps of 2 to 16 pixels
+  constexpr double least_rows = 0.9;
+  for (int binning = 1; binning <= std::min(most_binning, 4); binning *= 2) {
+    RegionSize size{wanted.width / binning, wanted.height / binning};
+    if (needed_receive_buffer(size) <= granted) return {binning, size};
+    const int whole = size.height;
+    size.height = whole / row_step * row_step;
+    while (size.height >= least_rows * whole && needed_receive_buffer(size) > granted) size.height -= row_step;
+    if (size.height >= least_rows * whole) return {binning, size};
+  }
+  return {1, region_that_fits(wanted, granted)};
+}
+
 std::size_t granted_receive_buffer(std::size_t wanted) {
   const int handle = ::socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
   if (handle < 0) return 0;

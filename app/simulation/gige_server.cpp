@@ -11,6 +11,7 @@
 #include <vector>
 
 #include <arv.h>
+#include <opencv2/imgproc.hpp>
 
 #include "app/cameras/gvcp_probe.h"
 #include "app/failure.h"
@@ -62,15 +63,18 @@ constexpr std::string_view description = R"(<?xml version="1.0" encoding="utf-8"
 
   <Category Name="ImageFormatControl">
     <pFeature>SensorWidth</pFeature><pFeature>SensorHeight</pFeature><pFeature>WidthMax</pFeature><pFeature>HeightMax</pFeature>
+    <pFeature>BinningHorizontal</pFeature><pFeature>BinningVertical</pFeature>
     <pFeature>Width</pFeature><pFeature>Height</pFeature><pFeature>OffsetX</pFeature><pFeature>OffsetY</pFeature>
     <pFeature>PixelFormat</pFeature>
   </Category>
   <Integer Name="SensorWidth"><ImposedAccessMode>RO</ImposedAccessMode><pValue>SensorWidthRegister</pValue></Integer>
   <Integer Name="SensorHeight"><ImposedAccessMode>RO</ImposedAccessMode><pValue>SensorHeightRegister</pValue></Integer>
-  <IntSwissKnife Name="WidthMax"><pVariable Name="SENSOR">SensorWidth</pVariable><pVariable Name="OFFSET">OffsetX</pVariable><Formula>SENSOR - OFFSET</Formula></IntSwissKnife>
-  <IntSwissKnife Name="HeightMax"><pVariable Name="SENSOR">SensorHeight</pVariable><pVariable Name="OFFSET">OffsetY</pVariable><Formula>SENSOR - OFFSET</Formula></IntSwissKnife>
-  <IntSwissKnife Name="OffsetXMax"><pVariable Name="SENSOR">SensorWidth</pVariable><pVariable Name="SIZE">Width</pVariable><Formula>SENSOR - SIZE</Formula></IntSwissKnife>
-  <IntSwissKnife Name="OffsetYMax"><pVariable Name="SENSOR">SensorHeight</pVariable><pVariable Name="SIZE">Height</pVariable><Formula>SENSOR - SIZE</Formula></IntSwissKnife>
+  <IntSwissKnife Name="WidthMax"><pVariable Name="SENSOR">SensorWidth</pVariable><pVariable Name="BINNING">BinningHorizontal</pVariable><pVariable Name="OFFSET">OffsetX</pVariable><Formula>SENSOR / BINNING - OFFSET</Formula></IntSwissKnife>
+  <IntSwissKnife Name="HeightMax"><pVariable Name="SENSOR">SensorHeight</pVariable><pVariable Name="BINNING">BinningVertical</pVariable><pVariable Name="OFFSET">OffsetY</pVariable><Formula>SENSOR / BINNING - OFFSET</Formula></IntSwissKnife>
+  <IntSwissKnife Name="OffsetXMax"><pVariable Name="SENSOR">SensorWidth</pVariable><pVariable Name="BINNING">BinningHorizontal</pVariable><pVariable Name="SIZE">Width</pVariable><Formula>SENSOR / BINNING - SIZE</Formula></IntSwissKnife>
+  <IntSwissKnife Name="OffsetYMax"><pVariable Name="SENSOR">SensorHeight</pVariable><pVariable Name="BINNING">BinningVertical</pVariable><pVariable Name="SIZE">Height</pVariable><Formula>SENSOR / BINNING - SIZE</Formula></IntSwissKnife>
+  <Integer Name="BinningHorizontal"><pValue>BinningHorizontalRegister</pValue><Min>1</Min><Max>4</Max></Integer>
+  <Integer Name="BinningVertical"><pValue>BinningVerticalRegister</pValue><Min>1</Min><Max>4</Max></Integer>
   <Integer Name="Width"><pValue>WidthRegister</pValue><Min>16</Min><pMax>WidthMax</pMax><Inc>4</Inc></Integer>
   <Integer Name="Height"><pValue>HeightRegister</pValue><Min>16</Min><pMax>HeightMax</pMax><Inc>2</Inc></Integer>
   <Integer Name="OffsetX"><pValue>OffsetXRegister</pValue><Min>0</Min><pMax>OffsetXMax</pMax><Inc>4</Inc></Integer>
@@ -82,6 +86,8 @@ constexpr std::string_view description = R"(<?xml version="1.0" encoding="utf-8"
   </Enumeration>
   <IntReg Name="SensorWidthRegister"><Address>0x11c</Address><Length>4</Length><AccessMode>RO</AccessMode><pPort>Device</pPort><Sign>Unsigned</Sign><Endianess>BigEndian</Endianess></IntReg>
   <IntReg Name="SensorHeightRegister"><Address>0x118</Address><Length>4</Length><AccessMode>RO</AccessMode><pPort>Device</pPort><Sign>Unsigned</Sign><Endianess>BigEndian</Endianess></IntReg>
+  <IntReg Name="BinningHorizontalRegister"><Address>0x108</Address><Length>4</Length><AccessMode>RW</AccessMode><pPort>Device</pPort><Sign>Unsigned</Sign><Endianess>BigEndian</Endianess></IntReg>
+  <IntReg Name="BinningVerticalRegister"><Address>0x10c</Address><Length>4</Length><AccessMode>RW</AccessMode><pPort>Device</pPort><Sign>Unsigned</Sign><Endianess>BigEndian</Endianess></IntReg>
   <IntReg Name="WidthRegister"><Address>0x100</Address><Length>4</Length><AccessMode>RW</AccessMode><pPort>Device</pPort><Sign>Unsigned</Sign><Endianess>BigEndian</Endianess></IntReg>
   <IntReg Name="HeightRegister"><Address>0x104</Address><Length>4</Length><AccessMode>RW</AccessMode><pPort>Device</pPort><Sign>Unsigned</Sign><Endianess>BigEndian</Endianess></IntReg>
   <IntReg Name="OffsetXRegister"><Address>0x130</Address><Length>4</Length><AccessMode>RW</AccessMode><pPort>Device</pPort><Sign>Unsigned</Sign><Endianess>BigEndian</Endianess></IntReg>
@@ -269,6 +275,7 @@ class GigeServer::Implementation {
     const auto now = steady_clock::now();
     ServedFrame frame;
     cv::Rect region;
+    cv::Size binning;
     double lost_ratio = 1.0;
     ArvGvFakeCamera* server = nullptr;
     {
@@ -282,8 +289,13 @@ class GigeServer::Implementation {
       arv_buffer_get_image_region(buffer, &ignored, &ignored, &width, &height);
       const auto x = static_cast<int>(read_register(camera_, ARV_FAKE_CAMERA_REGISTER_X_OFFSET));
       const auto y = static_cast<int>(read_register(camera_, ARV_FAKE_CAMERA_REGISTER_Y_OFFSET));
-      region = client_.region = cv::Rect(x, y, width, height) & cv::Rect(0, 0, settings_.width, settings_.height);
-      const bool whole = region.width == width && region.height == height;
+      binning.width = static_cast<int>(read_register(camera_, ARV_FAKE_CAMERA_REGISTER_BINNING_HORIZONTAL));
+      binning.height = static_cast<int>(read_register(camera_, ARV_FAKE_CAMERA_REGISTER_BINNING_VERTICAL));
+      // What the client asks for in binned pixels, and what that is of the sensor.
+      region = cv::Rect(x * binning.width, y * binning.height, width * binning.width, height * binning.height) &
+               cv::Rect(0, 0, settings_.width, settings_.height);
+      client_.region = region;
+      const bool whole = region.width == width * binning.width && region.height == height * binning.height;
       if (fresh_ && whole && now >= due_) {
         fresh_ = false;
         frame = newest_;
@@ -303,12 +315,18 @@ class GigeServer::Implementation {
     arv_buffer_set_timestamp(buffer, static_cast<guint64>(frame.camera_time.count()));
     size_t size = 0;
     auto* pixels = static_cast<unsigned char*>(const_cast<void*>(arv_buffer_get_data(buffer, &size)));
-    const cv::Mat1b shown = frame.gray(region);
+    cv::Mat1b shown = frame.gray(region);
+    const cv::Size sent_size(region.width / binning.width, region.height / binning.height);
+    if (sent_size != region.size()) {
+      cv::Mat1b averaged;
+      cv::resize(shown, averaged, sent_size, 0.0, 0.0, cv::INTER_AREA);  // whole factors: the mean of each block
+      shown = averaged;
+    }
     if (format == ARV_PIXEL_FORMAT_MONO_16) {
-      cv::Mat1w wide(region.height, region.width, reinterpret_cast<std::uint16_t*>(pixels));
+      cv::Mat1w wide(sent_size.height, sent_size.width, reinterpret_cast<std::uint16_t*>(pixels));
       shown.convertTo(wide, CV_16U, 257.0);
     } else {
-      cv::Mat1b sent(region.height, region.width, pixels);
+      cv::Mat1b sent(sent_size.height, sent_size.width, pixels);
       shown.copyTo(sent);
     }
   }

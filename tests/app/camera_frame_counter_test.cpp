@@ -52,6 +52,12 @@ TEST_CASE("the region shrinks to what a receive buffer holds") {
   CHECK(region_that_fits(whole, 200000) == RegionSize{480, 360});
   CHECK(region_that_fits(whole, 0) == RegionSize{160, 120});
   CHECK(region_that_fits({100, 50}, 0) == RegionSize{100, 50});
+  // Coarser pixels keep the view; a few rows at the edge may go.
+  CHECK(image_that_fits(whole, needed_receive_buffer(whole), 4) == SmallerImage{1, whole});
+  CHECK(image_that_fits(whole, 212992, 4) == SmallerImage{2, {640, 480}});
+  CHECK(image_that_fits(whole, 100000, 4) == SmallerImage{4, {320, 256}});
+  CHECK(image_that_fits(whole, 100000, 2) == SmallerImage{1, {320, 240}});  // this camera cannot bin so far
+  CHECK(image_that_fits(whole, 212992, 1) == SmallerImage{1, {640, 480}});
   CHECK(granted_receive_buffer(65536) == 65536);  // every kernel grants this much
 }
 

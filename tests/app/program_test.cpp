@@ -89,6 +89,20 @@ TEST_CASE("a simulated docking ends docked, repeats itself, and its recording re
   CHECK(nlohmann::json::parse(other.out)["differences"].get<int>() > 0);
 }
 
+TEST_CASE("over a small receive buffer the docking goes on with coarser pictures of the same view", "[docking]") {
+  const Scratch scratch;
+  const std::string config = scratch.write("dock.yaml", "camera: {receive_buffer_bytes: 212992}\n");
+  const Run coarse = run(scratch, "dock --config " + config + " --seed 2 --json --record " + scratch.path("coarse"));
+  INFO(coarse.err);
+  REQUIRE(coarse.code == 0);
+  const auto truth = nlohmann::json::parse(coarse.out)["final"]["pose_error_true"];
+  CHECK(std::abs(truth["x"].get<double>()) < 0.010);
+  CHECK(std::abs(truth["y"].get<double>()) < 0.010);
+  CHECK(std::abs(truth["yaw"].get<double>()) < 0.01745);
+  CHECK_THAT(contents(scratch.path("coarse") + "/session.yaml"), Contains("width: 640") && Contains("height: 480"));
+  CHECK(run(scratch, "replay " + scratch.path("coarse") + " --compare").code == 0);
+}
+
 TEST_CASE("a wrong configuration is refused with file, line and key", "[quick]") {
   const Scratch scratch;
   const std::string config = scratch.write("dock.yaml", "docking:\n  servo: {max_sped: 0.1}\n");

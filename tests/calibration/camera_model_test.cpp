@@ -64,3 +64,15 @@ TEST_CASE("cameras that cannot be are refused") {
   camera.width = -1;
   CHECK_THROWS_AS(check(camera), std::invalid_argument);
 }
+
+TEST_CASE("a binned part of a picture sees each point at the mean of the pixels it covers") {
+  const CameraModel camera = default_rig().camera;
+  const CameraModel part = camera_of_part(camera, 2, 40, 16, 560, 480);
+  CHECK(part.width == 560);
+  CHECK(part.height == 480);
+  // The binned pixel (100, 50) of the part covers the sensor's columns 280 and 281 and rows 132 and 133.
+  const auto line_of_sight = unproject(camera, {280.5, 132.5});
+  REQUIRE(line_of_sight);
+  CHECK((project(part, line_of_sight->homogeneous()) - Eigen::Vector2d(100, 50)).norm() < 1e-9);
+  CHECK(camera_of_part(camera, 1, 0, 0, camera.width, camera.height).cx == Approx(camera.cx).margin(1e-12));
+}
