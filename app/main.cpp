@@ -16,6 +16,7 @@ int main(int argc, char** argv) {
   add_replay(program, action);
   add_detect(program, action);
   add_plan(program, action);
+  add_evaluate(program, action);
   add_doctor(program, action);
   try {
     program.parse(argc, argv);

@@ -65,6 +65,11 @@ bool shows(const std::vector<TagDetection>& detections, const Board& board) {
 
 }  // namespace
 
+GroundPrior ground_prior(const Rig& rig, const TagLocatorConfig& config) {
+  return {rig.T_base_camera, radians(config.sigma_roll_deg), radians(config.sigma_pitch_deg),
+          1e-3 * config.sigma_height_mm};
+}
+
 TagLocator::TagLocator(const Rig& rig, const Board& board, const TagLocatorConfig& config)
     : rig_(rig), board_(checked(board)), config_(config), detector_(detector_config(config, board)) {
   check(rig.camera);
@@ -105,9 +110,7 @@ Sighting TagLocator::locate(const Frame& frame, const std::optional<Eigen::Isome
   }
 
   // 3. board pose
-  const GroundPrior prior{rig_.T_base_camera, radians(config_.sigma_roll_deg), radians(config_.sigma_pitch_deg),
-                          1e-3 * config_.sigma_height_mm};
-  Sighting sighting = board_pose(tags, board_, rig_.camera, prior, predicted);
+  Sighting sighting = board_pose(tags, board_, rig_.camera, ground_prior(rig_, config_), predicted);
   if (BoardSighting* seen = std::get_if<BoardSighting>(&sighting)) {
     seen->frame_number = frame.number;
     seen->time = frame.time;

@@ -35,6 +35,9 @@ struct TagLocatorConfig {
   double sigma_height_mm = 2.0;
 };
 
+/// How the camera stands over the floor, as far as the rig and the configuration tell.
+GroundPrior ground_prior(const Rig& rig, const TagLocatorConfig& config);
+
 /// The spine of seeing: Frame -> Sighting. Steps, in order: region, detection, refinement, board pose.
 class TagLocator {
  public:

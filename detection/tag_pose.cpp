@@ -337,7 +337,8 @@ std::vector<TagPose> tag_poses(const RefinedTag& tag, double size, const CameraM
 }
 
 Sighting board_pose(std::span<const RefinedTag> tags, const Board& board, const CameraModel& camera,
-                    const std::optional<GroundPrior>& prior, const std::optional<Eigen::Isometry3d>& guess) {
+                    const std::optional<GroundPrior>& prior, const std::optional<Eigen::Isometry3d>& guess,
+                    PoseStarts from) {
   if (tags.empty()) return Unseen::no_tag;
   std::vector<Term> terms;
   std::vector<Eigen::Isometry3d> starts_station;
@@ -352,6 +353,7 @@ Sighting board_pose(std::span<const RefinedTag> tags, const Board& board, const 
     if (!one) return Unseen::no_pose;
     terms.push_back(*one);
     sighting.tags.push_back(tag);
+    if (from == PoseStarts::only_guess) continue;
     for (const Eigen::Isometry3d& T_camera_tag : starts(tag.corners_px, known->size, camera))
       starts_station.push_back(T_camera_tag * known->T_station_tag.inverse());
   }

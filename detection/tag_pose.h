@@ -74,6 +74,12 @@ std::string_view word(Unseen reason);
 /// What one frame says of the board.
 using Sighting = std::variant<BoardSighting, Unseen>;
 
+/// Where the minimum is looked for.
+enum class PoseStarts {
+  all,        ///< the tags' own solutions and the guess: sees the mirrored pose of a flat tag
+  only_guess  ///< a hundredth of the time, for simulations that know where to look
+};
+
 /// One pose from all corners of all the board's tags that were seen.
 /// @param tags   refined tags of that board, any subset, ids unique
 /// @param prior  if given, enters as three more measurements (roll, pitch, height)
@@ -81,6 +87,6 @@ using Sighting = std::variant<BoardSighting, Unseen>;
 /// @return       pose fields filled (frame_number and time are the caller's), or why not
 Sighting board_pose(std::span<const RefinedTag> tags, const Board& board, const CameraModel& camera,
                     const std::optional<GroundPrior>& prior,
-                    const std::optional<Eigen::Isometry3d>& guess = std::nullopt);
+                    const std::optional<Eigen::Isometry3d>& guess = std::nullopt, PoseStarts starts = PoseStarts::all);
 
 }  // namespace tagdock

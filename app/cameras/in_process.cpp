@@ -1,5 +1,9 @@
 #include "app/cameras/in_process.h"
 
+#include <cmath>
+
+#include "app/simulation/frame_schedule.h"
+
 namespace tagdock {
 namespace {
 
@@ -8,34 +12,23 @@ using std::chrono::nanoseconds;
 class InProcessCamera final : public Camera {
  public:
   InProcessCamera(std::shared_ptr<SharedWorld> world, const SimulationFaults& faults)
-      : world_(std::move(world)), faults_(faults) {}
+      : world_(std::move(world)), dies_at_(std::llround(1e9 * faults.camera_dies_at_s)), schedule_(dies_at_) {}
 
   std::optional<CameraFrame> newest(nanoseconds now) override {
     const std::lock_guard lock(world_->mutex);
     World& world = world_->world;
     world.advance(now);
     now_ = now;
-    const nanoseconds period = world.frame_period();
-    // Frame k is exposed at k periods and a half; the newest that has arrived is looked for.
-    std::optional<std::uint64_t> newest;
-    for (std::uint64_t k = next_; exposed_at(k, period) <= now; ++k) {
-      if (died(exposed_at(k, period)) || world.is_lost(k)) continue;
-      if (exposed_at(k, period) + world.latency_of(k) > now) break;
-      if (newest) ++health_.overwritten;
-      newest = k;
-    }
-    if (!newest) return std::nullopt;
-    CameraFrame frame;
-    frame.lost_before = 0;
-    for (std::uint64_t k = next_; k < *newest; ++k)
-      if (world.is_lost(k)) ++frame.lost_before;
-    health_.lost += frame.lost_before;
-    next_ = *newest + 1;
+    const std::optional<FrameSchedule::Arrival> arrival = schedule_.newest(world, now);
+    if (!arrival) return std::nullopt;
+    health_.overwritten += arrival->overwritten_before;
+    health_.lost += arrival->lost_before;
     ++health_.received;
-    const nanoseconds time = exposed_at(*newest, period);
-    frame.frame = {world.render(time).gray, time, *newest};
-    frame.arrived = time + world.latency_of(*newest);
-    frame.camera_time = time;
+    CameraFrame frame;
+    frame.lost_before = arrival->lost_before;
+    frame.frame = {world.render(arrival->exposed).gray, arrival->exposed, arrival->number};
+    frame.arrived = arrival->arrived;
+    frame.camera_time = arrival->exposed;
     frame.exposure_us = 1e6 * world.scenario().camera.exposure;
     last_ = frame.arrived;
     return frame;
@@ -64,16 +57,11 @@ class InProcessCamera final : public Camera {
   }
 
  private:
-  static nanoseconds exposed_at(std::uint64_t k, nanoseconds period) {
-    return static_cast<std::int64_t>(k) * period + period / 2;
-  }
-  [[nodiscard]] bool died(nanoseconds time) const {
-    return faults_.camera_dies_at_s > 0.0 && std::chrono::duration<double>(time).count() >= faults_.camera_dies_at_s;
-  }
+  [[nodiscard]] bool died(nanoseconds time) const { return dies_at_.count() > 0 && time >= dies_at_; }
 
   std::shared_ptr<SharedWorld> world_;
-  SimulationFaults faults_;
-  std::uint64_t next_ = 0;
+  nanoseconds dies_at_;
+  FrameSchedule schedule_;
   nanoseconds now_{0};
   nanoseconds last_{0};
   CameraHealth health_;

@@ -1,0 +1,243 @@
+#include "app/campaign.h"
+
+#include <algorithm>
+#include <atomic>
+#include <cstdio>
+#include <exception>
+#include <fstream>
+#include <map>
+#include <mutex>
+#include <sstream>
+#include <thread>
+
+#include "app/failure.h"
+
+namespace tagdock {
+namespace {
+
+constexpr const char* runs_file = "runs.csv";
+constexpr const char* campaign_file = "campaign.yaml";
+
+std::string digits(double value) {
+  char text[32];
+  std::snprintf(text, sizeof text, "%.17g", value);
+  return text;
+}
+
+std::string pose_fields(const std::optional<Pose2>& pose) {
+  if (!pose) return ",,,";
+  return "," + digits(pose->x) + "," + digits(pose->y) + "," + digits(pose->yaw);
+}
+
+std::vector<std::string> fields_of(const std::string& text) {
+  std::vector<std::string> fields;
+  std::string field;
+  std::istringstream stream(text);
+  while (std::getline(stream, field, ',')) fields.push_back(field);
+  if (!text.empty() && text.back() == ',') fields.emplace_back();
+  return fields;
+}
+
+std::string contents(const std::filesystem::path& file) {
+  std::ifstream stream(file, std::ios::binary);
+  std::ostringstream text;
+  text << stream.rdbuf();
+  return text.str();
+}
+
+void write(const std::filesystem::path& file, const std::string& text) {
+  // First beside it, then in its place: a reader never sees half a file.
+  const std::filesystem::path beside = file.string() + ".new";
+  {
+    std::ofstream stream(beside, std::ios::binary);
+    stream << text << std::flush;
+    if (!stream) throw Failure(ExitCode::usage, file.string() + ": cannot be written");
+  }
+  std::filesystem::rename(beside, file);
+}
+
+void write_runs(const std::filesystem::path& folder, const std::vector<RunRecord>& records) {
+  std::string text = runs_header() + "\n";
+  for (const RunRecord& record : records) text += line(record) + "\n";
+  write(folder / runs_file, text);
+}
+
+void make_folder(const std::filesystem::path& folder) {
+  std::error_code error;
+  std::filesystem::create_directories(folder, error);
+  if (error) throw Failure(ExitCode::usage, folder.string() + ": cannot be made: " + error.message());
+}
+
+class RecordReader {
+ public:
+  RecordReader(const std::filesystem::path& file, int line_number, const std::string& text)
+      : where_(file.string() + ":" + std::to_string(line_number)), fields_(fields_of(text)) {}
+
+  [[nodiscard]] const std::string& word(std::size_t column) const {
+    if (column >= fields_.size())
+      throw Failure(ExitCode::usage, where_ + ": has " + std::to_string(fields_.size()) +
+                                         " fields; a run has 13 at least (seed,scenario,result,..)");
+    return fields_[column];
+  }
+  [[nodiscard]] double number(std::size_t column) const {
+    const std::string& text = word(column);
+    char* end = nullptr;
+    const double value = std::strtod(text.c_str(), &end);
+    if (text.empty() || *end != '\0')
+      throw Failure(ExitCode::usage,
+                    where_ + ": field " + std::to_string(column + 1) + " is '" + text + "'; it must be a number");
+    return value;
+  }
+  [[nodiscard]] std::optional<Pose2> pose(std::size_t column) const {
+    if (column >= fields_.size() || fields_[column].empty()) return std::nullopt;
+    return Pose2{number(column), number(column + 1), number(column + 2)};
+  }
+
+ private:
+  std::string where_;
+  std::vector<std::string> fields_;
+};
+
+bool same_outcome(const RunRecord& a, const RunRecord& b) { return line(a) == line(b); }
+
+}  // namespace
+
+std::string runs_header() {
+  return "seed,scenario,result,reason,true_x,true_y,true_yaw,estimated_x,estimated_y,estimated_yaw,duration_s,attempts,"
+         "stop_latency_ms,sigma_x,sigma_y,sigma_yaw";
+}
+
+std::string line(const RunRecord& record) {
+  return std::to_string(record.seed) + "," + record.scenario + "," + record.result + "," + record.reason +
+         pose_fields(record.true_error) + pose_fields(record.estimated) + "," + digits(record.duration_s) + "," +
+         std::to_string(record.attempts) + "," + digits(record.stop_latency_ms) + pose_fields(record.sigma);
+}
+
+std::vector<RunRecord> read_runs(const std::filesystem::path& file) {
+  const std::string text = contents(file);
+  std::vector<RunRecord> records;
+  std::size_t begin = 0;
+  for (int number = 1; begin < text.size(); ++number) {
+    const std::size_t end = text.find('\n', begin);
+    if (end == std::string::npos) break;  // cut off
+    const std::string one = text.substr(begin, end - begin);
+    begin = end + 1;
+    if (number == 1) {
+      if (!one.starts_with("seed,scenario,result,reason,true_x"))
+        throw Failure(ExitCode::usage, file.string() + ":1: is not the header of a runs.csv (seed,scenario,result,..)");
+      continue;
+    }
+    const RecordReader reader(file, number, one);
+    RunRecord record;
+    record.seed = static_cast<std::uint64_t>(reader.number(0));
+    record.scenario = reader.word(1);
+    record.result = reader.word(2);
+    record.reason = reader.word(3);
+    record.true_error = {reader.number(4), reader.number(5), reader.number(6)};
+    record.estimated = reader.pose(7);
+    record.duration_s = reader.number(10);
+    record.attempts = static_cast<int>(reader.number(11));
+    record.stop_latency_ms = reader.number(12);
+    record.sigma = reader.pose(13);
+    records.push_back(std::move(record));
+  }
+  return records;
+}
+
+std::string campaign_text(const RunSettings& settings) {
+  return std::string("version: 1\nprogram: \"tagdock " TAGDOCK_VERSION "\"\nstrategy: ") +
+         (settings.strategy == Strategy::servo ? "servo" : "paper") + "\nimages: " + (settings.images ? "on" : "off") +
+         "\nscenario_name: \"" + settings.scenario.name + "\"\n" + to_yaml(settings.config) + "# scenario file\n" +
+         settings.scenario_text;
+}
+
+std::vector<RunRecord> run_campaign(const RunSettings& settings, const CampaignShare& share,
+                                    const std::filesystem::path& folder,
+                                    const std::function<void(int done, int wanted)>& progress) {
+  make_folder(folder);
+  const std::string text = campaign_text(settings);
+  std::map<std::uint64_t, RunRecord> done;
+  if (std::filesystem::exists(folder / campaign_file)) {
+    if (contents(folder / campaign_file) != text)
+      throw Failure(ExitCode::usage, (folder / campaign_file).string() +
+                                         ": another campaign is in this folder; give --output another one");
+    if (std::filesystem::exists(folder / runs_file))
+      for (RunRecord& record : read_runs(folder / runs_file)) done.emplace(record.seed, std::move(record));
+  }
+  write(folder / campaign_file, text);
+
+  std::vector<std::uint64_t> wanted;
+  for (int i = share.shard; i < share.runs; i += share.shards)
+    wanted.push_back(share.first_seed + static_cast<std::uint64_t>(i));
+  std::erase_if(done,
+                [&](const auto& entry) { return !std::binary_search(wanted.begin(), wanted.end(), entry.first); });
+  std::vector<std::uint64_t> missing;
+  for (const std::uint64_t seed : wanted)
+    if (!done.contains(seed)) missing.push_back(seed);
+
+  std::vector<RunRecord> before;
+  for (const auto& [seed, record] : done) before.push_back(record);
+  write_runs(folder, before);
+  std::ofstream stream(folder / runs_file, std::ios::binary | std::ios::app);
+  std::mutex mutex;
+  std::atomic<std::size_t> next{0};
+  std::exception_ptr failure;
+  const auto work = [&] {
+    for (std::size_t i = next++; i < missing.size(); i = next++) {
+      try {
+        RunRecord record = run_once(settings, missing[i]);
+        const std::lock_guard lock(mutex);
+        stream << line(record) << "\n" << std::flush;
+        if (!stream)
+          throw Failure(ExitCode::usage, (folder / runs_file).string() + ": cannot be written (is the disk full?)");
+        done.emplace(record.seed, std::move(record));
+        progress(static_cast<int>(done.size()), static_cast<int>(wanted.size()));
+      } catch (...) {
+        const std::lock_guard lock(mutex);
+        if (!failure) failure = std::current_exception();
+        next = missing.size();
+      }
+    }
+  };
+  {
+    std::vector<std::jthread> threads;
+    for (int i = 1; i < share.jobs; ++i) threads.emplace_back(work);
+    work();
+  }
+  if (failure) std::rethrow_exception(failure);
+  std::vector<RunRecord> records;
+  for (auto& [seed, record] : done) records.push_back(std::move(record));
+  stream.close();
+  write_runs(folder, records);
+  return records;
+}
+
+std::vector<RunRecord> join_campaigns(const std::vector<std::filesystem::path>& shards,
+                                      const std::filesystem::path& folder) {
+  std::map<std::uint64_t, RunRecord> joined;
+  std::string text;
+  for (const std::filesystem::path& shard : shards) {
+    for (const char* needed : {campaign_file, runs_file})
+      if (!std::filesystem::exists(shard / needed))
+        throw Failure(ExitCode::usage, (shard / needed).string() + ": is missing; --join takes folders of `evaluate`");
+    const std::string of_shard = contents(shard / campaign_file);
+    if (text.empty()) text = of_shard;
+    if (of_shard != text)
+      throw Failure(ExitCode::usage, (shard / campaign_file).string() + ": is of another campaign than that in " +
+                                         shards.front().string());
+    for (RunRecord& record : read_runs(shard / runs_file)) {
+      const auto [place, fresh] = joined.emplace(record.seed, record);
+      if (!fresh && !same_outcome(place->second, record))
+        throw Failure(ExitCode::usage, (shard / runs_file).string() + ": seed " + std::to_string(record.seed) +
+                                           " has another outcome than in an earlier folder");
+    }
+  }
+  make_folder(folder);
+  write(folder / campaign_file, text);
+  std::vector<RunRecord> records;
+  for (auto& [seed, record] : joined) records.push_back(std::move(record));
+  write_runs(folder, records);
+  return records;
+}
+
+}  // namespace tagdock

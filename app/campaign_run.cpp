@@ -1,0 +1,217 @@
+#include "app/campaign_run.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "app/simulation/frame_schedule.h"
+#include "detection/tag_locator.h"
+#include "planning/docking_plan.h"
+#include "servo/docker.h"
+#include "servo/odometry_controller.h"
+
+namespace tagdock {
+namespace {
+
+using std::chrono::milliseconds;
+using std::chrono::nanoseconds;
+
+constexpr nanoseconds longest_run = std::chrono::seconds(600);
+
+// The world of one run with what the robot gets of it: sightings as they arrive, odometry, and nothing else.
+class Run {
+ public:
+  Run(const RunSettings& settings, std::uint64_t seed)
+      : settings_(settings),
+        world_(obeying(settings), settings.config.rig, settings.config.board, seed),
+        locator_(settings.config.rig, settings.config.board, settings.config.locator),
+        model_(settings.config.rig, settings.config.board, settings.config.locator, settings.corner_errors, seed) {}
+
+  [[nodiscard]] nanoseconds now() const { return now_; }
+
+  /// Everything new since the last call.
+  Tick read(const std::function<std::optional<Eigen::Isometry3d>(nanoseconds)>& predicted_view) {
+    Tick tick;
+    tick.now = now_;
+    const Odometry odometry = world_.odometry();
+    if (!last_odometry_ || odometry.time > *last_odometry_) tick.odometry.push_back(odometry);
+    last_odometry_ = odometry.time;
+    if (const auto frame = schedule_.newest(world_, now_)) {
+      tick.frame_time = frame->exposed;
+      if (settings_.images)
+        tick.sighting = locator_.locate({world_.render(frame->exposed).gray, frame->exposed, frame->number},
+                                        predicted_view(frame->exposed));
+      else
+        tick.sighting = model_.look(world_, frame->number, frame->exposed);
+    }
+    return tick;
+  }
+
+  void drive(const Twist2& command, nanoseconds step) {
+    world_.command(command, now_);
+    if (command != Twist2{}) last_moved_ = now_;
+    now_ += step;
+    world_.advance(now_);
+    note_rest();
+  }
+
+  /// What the world knows at the end.
+  void finish(RunRecord& record) {
+    record.duration_s = std::chrono::duration<double>(now_).count();
+    for (int i = 0; i < 100; ++i) drive({}, milliseconds(20));
+    record.true_error = world_.docking_error(settings_.config.docking.dock_pose);
+    record.stop_latency_ms = std::max(0.0, std::chrono::duration<double, std::milli>(rested_ - last_moved_).count());
+  }
+
+ private:
+  // The simulated sensor obeys the settings, as a real one would.
+  static Scenario obeying(const RunSettings& settings) {
+    Scenario scenario = settings.scenario;
+    scenario.camera.frame_rate = settings.config.camera.frame_rate;
+    scenario.camera.exposure = 1e-6 * settings.config.camera.exposure_us;
+    return scenario;
+  }
+
+  void note_rest() {
+    constexpr double still = 0.001;  // m/s and rad/s
+    const Twist2& wheels = world_.truth().wheels;
+    if (std::abs(wheels.linear) > still || std::abs(wheels.angular) > still) rested_ = world_.truth().time;
+  }
+
+  const RunSettings& settings_;
+  World world_;
+  TagLocator locator_;
+  SightingModel model_;
+  FrameSchedule schedule_;
+  nanoseconds now_{0};
+  std::optional<nanoseconds> last_odometry_;
+  nanoseconds last_moved_{0};
+  nanoseconds rested_{0};
+};
+
+std::string one_field(std::string text) {
+  for (char& letter : text)
+    if (letter == ',' || letter == '\n' || letter == '"') letter = letter == ',' ? ';' : ' ';
+  return text;
+}
+
+RunRecord run_servo(const RunSettings& settings, std::uint64_t seed) {
+  Run run(settings, seed);
+  Docker docker(settings.config.rig, settings.config.docking);
+  RunRecord record;
+  bool over = false;
+  while (!over && run.now() < longest_run) {
+    const TickResult result = docker.tick(run.read([&](nanoseconds time) { return docker.predicted_view(time); }));
+    over = result.over;
+    run.drive(result.command, result.next_tick);
+  }
+  record.result = over ? std::string(name(docker.phase())) : "timed_out";
+  record.attempts = job_of(docker.phase()).attempts;
+  if (const auto reason = reason_of(docker.phase())) record.reason = one_field(reason->sentence);
+  const Fix* fix = nullptr;
+  if (const Docked* docked = std::get_if<Docked>(&docker.phase())) fix = &docked->fix;
+  if (const Failed* failed = std::get_if<Failed>(&docker.phase()); failed != nullptr && failed->fix)
+    fix = &*failed->fix;
+  if (fix != nullptr) {
+    record.estimated = fix->error;
+    const Eigen::Vector3d sigma = fix->covariance.diagonal().cwiseSqrt();
+    record.sigma = Pose2{sigma.x(), sigma.y(), sigma.z()};
+  }
+  run.finish(record);
+  return record;
+}
+
+// The paper's limits: circles of 0.97 m, full curvature within 0.40 m (notes on docking, 4.8).
+DockingPlanConfig paper_plan() {
+  DockingPlanConfig plan;
+  plan.limits = {1.0 / 0.97, 1.0 / 0.97 / 0.40};
+  plan.straights = {};
+  plan.softness = 0.0;
+  plan.view.reset();
+  plan.find_cures = plan.list_candidates = false;
+  return plan;
+}
+
+RunRecord run_paper(const RunSettings& settings, std::uint64_t seed) {
+  constexpr int sightings_at_start = 20;
+  Run run(settings, seed);
+  RunRecord record;
+  // The marker-centring position: one pose, from the mean of what was seen at standstill.
+  PoseFilter filter(settings.config.rig, settings.config.docking.filter);
+  int fused = 0;
+  while (fused < sightings_at_start && run.now() < std::chrono::seconds(30)) {
+    const Tick tick = run.read([&](nanoseconds time) { return filter.predicted_view(time); });
+    for (const Odometry& reading : tick.odometry) filter.predict(reading);
+    if (const BoardSighting* seen = tick.sighting ? std::get_if<BoardSighting>(&*tick.sighting) : nullptr) {
+      const SightingUse use = filter.update(*seen).use;
+      if (use == SightingUse::fused || use == SightingUse::acquired) ++fused;
+    }
+    run.drive({}, milliseconds(20));
+  }
+  const std::optional<PoseEstimate> start = filter.estimate(run.now());
+  const std::optional<Pose2> odom_start = filter.T_odom_base(run.now());
+  const Pose2 goal = settings.config.docking.dock_pose * inverse(camera_point(settings.config.rig));
+  record.result = "failed";
+  if (fused < sightings_at_start || !start || !odom_start) {
+    record.reason = "the tag was not seen well enough at the start";
+    run.finish(record);
+    return record;
+  }
+  const DockingPlanResult planned = plan_docking(start->T_station_base, goal, paper_plan());
+  const DockingPlan* plan = std::get_if<DockingPlan>(&planned);
+  if (plan == nullptr) {
+    const PlanRefusal* refusal = std::get_if<PlanRefusal>(&planned);
+    record.reason = refusal != nullptr ? one_field(refusal->sentence) : "already there";
+    run.finish(record);
+    return record;
+  }
+  OdometryControllerConfig controller = settings.config.docking.segments;
+  controller.max_command = 0.4;
+  const nanoseconds period = control_period(travel_time(plan->length, controller), controller.nominal_period);  // eq. 6
+  const Pose2 T_station_odom = start->T_station_base * inverse(*odom_start);
+  FollowState state;
+  Pose2 pose = start->T_station_base;
+  bool arrived = false;
+  while (!arrived && run.now() < longest_run) {
+    const Tick tick = run.read([](nanoseconds) { return std::nullopt; });
+    if (!tick.odometry.empty()) pose = T_station_odom * tick.odometry.back().T_odom_base;
+    const FollowStep step = follow(plan->path, state, pose, period, controller);
+    state = step.next;
+    arrived = step.arrived;
+    run.drive(step.command, period);
+  }
+  record.result = arrived ? "arrived" : "timed_out";
+  const Pose2 claimed = pose * camera_point(settings.config.rig);
+  const Pose2& dock = settings.config.docking.dock_pose;
+  record.estimated = Pose2{claimed.x - dock.x, claimed.y - dock.y, wrap_angle(claimed.yaw - dock.yaw)};
+  run.finish(record);
+  return record;
+}
+
+}  // namespace
+
+Rig five_megapixel_rig() {
+  Rig rig = default_rig();
+  CameraModel camera;
+  camera.width = 2448;
+  camera.height = 2048;
+  camera.fx = camera.fy = 8.0 / 0.00345;
+  camera.cx = 1223.5;
+  camera.cy = 1023.5;
+  rig.camera = camera;
+  return rig;
+}
+
+Board single_tag_board(double height) {
+  Board board;
+  board.tags = {{1, 0.16, upright_tag(0.0, 0.0, height, 0.0)}};
+  return board;
+}
+
+RunRecord run_once(const RunSettings& settings, std::uint64_t seed) {
+  RunRecord record = settings.strategy == Strategy::servo ? run_servo(settings, seed) : run_paper(settings, seed);
+  record.seed = seed;
+  record.scenario = settings.scenario.name;
+  return record;
+}
+
+}  // namespace tagdock

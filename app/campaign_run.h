@@ -1,0 +1,53 @@
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <string>
+
+#include "app/config.h"
+#include "app/simulation/scenario.h"
+#include "app/simulation/sighting_model.h"
+
+namespace tagdock {
+
+/// How the robot is brought to the dock.
+enum class Strategy {
+  servo,  ///< tagdock's: path, then closed loop on what the camera sees, fix, retries
+  paper   ///< Richter et al.: one pose of one flat tag, then the path by odometry alone, no look at the result
+};
+
+/// One campaign: the same for all of its runs.
+struct RunSettings {
+  Config config;  ///< what the robot knows
+  Scenario scenario;
+  std::string scenario_text;  ///< of its file, to tell campaigns apart; empty: the built-in one
+  Strategy strategy = Strategy::servo;
+  bool images = false;  ///< rendered and seen by the real detector, or corners with drawn errors
+  CornerErrors corner_errors = errors_of_tanh();
+};
+
+/// A line of runs.csv (CONTRACTS.md).
+struct RunRecord {
+  std::uint64_t seed = 0;
+  std::string scenario;
+  std::string result;  ///< docked, failed, stopped; `arrived` for the paper's strategy, which does not look
+  std::string reason;
+  Pose2 true_error;                ///< of the camera point against the docking pose, station frame: m, m, rad
+  std::optional<Pose2> estimated;  ///< the same as the robot claims it
+  double duration_s = 0.0;
+  int attempts = 1;
+  double stop_latency_ms = 0.0;  ///< from the last command to move until the wheels stand
+  std::optional<Pose2> sigma;    ///< of `estimated`
+};
+
+/// One docking in a world of its own. The same settings and seed give the same record to the last bit.
+RunRecord run_once(const RunSettings& settings, std::uint64_t seed);
+
+/// The rig with which the paper's strategy is evaluated (notes on docking, 4.8): 2448x2048 pixels of 3.45 um behind an
+/// 8 mm lens without distortion, on the default robot.
+Rig five_megapixel_rig();
+
+/// One tag of 0.16 m flat on the wall, its centre at `height`.
+Board single_tag_board(double height);
+
+}  // namespace tagdock

@@ -1,0 +1,58 @@
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include <nlohmann/json.hpp>
+
+#include "app/campaign_run.h"
+
+namespace tagdock {
+
+/// A share of successes with the bounds of its 95 % confidence interval (Clopper and Pearson).
+struct Share {
+  int count = 0;
+  int of = 0;
+  double low = 0.0;
+  double high = 1.0;
+  [[nodiscard]] double value() const { return of > 0 ? static_cast<double>(count) / of : 0.0; }
+};
+
+/// @param confidence  two-sided
+Share share_of(int count, int of, double confidence = 0.95);
+
+/// The reliability that so many failures in so many runs show with a confidence, one-sided (ASTM F3499-21 states
+/// docking this way; without a failure it is (1 - confidence)^(1 / runs)).
+double shown_reliability(int failures, int runs, double confidence = 0.95);
+
+/// What a campaign came to. Every run counts in every figure; refused and failed ones stay in the denominators.
+struct Evaluation {
+  int runs = 0;
+  Pose2 mean;                    ///< true error: m, m, rad
+  Pose2 sigma;                   ///< of the same
+  Pose2 p95;                     ///< of the absolute values
+  Share first_3mm;               ///< docked at the first attempt, inside 3 mm, 3 mm, 0.5 degrees (true)
+  Share all_3mm;                 ///< docked, with retries, inside the same
+  Share all_10mm;                ///< docked (or arrived) inside 10 mm, 10 mm, 1 degree
+  int failed = 0;                ///< said so
+  int wrong_claims = 0;          ///< claimed success, and were outside of 3 mm, 3 mm, 0.5 degrees
+  int outside_without_word = 0;  ///< claimed success, and were outside of 10 mm, 10 mm, 1 degree
+  double mean_duration_s = 0.0;
+  double p99_duration_s = 0.0;
+  double mean_attempts = 0.0;
+  Pose2 normalised;  ///< mean square of (estimated - true) / sigma of the runs that gave sigmas; 1 is honest
+  int with_sigma = 0;
+  std::vector<std::pair<std::string, int>> reasons;  ///< of those that failed, the most frequent first
+};
+
+Evaluation evaluate(const std::vector<RunRecord>& records);
+
+/// summary.json
+nlohmann::ordered_json to_json(const Evaluation& evaluation, const RunSettings& settings);
+/// A few lines for people.
+std::string summary(const Evaluation& evaluation);
+/// report.html: histograms as in the paper's Fig. 10, tables against the paper and MiR, limits. One file, no scripts.
+std::string to_html(const Evaluation& evaluation, const std::vector<RunRecord>& records, const std::string& title,
+                    const std::string& campaign);
+
+}  // namespace tagdock

@@ -1,0 +1,104 @@
+#include "app/simulation/sighting_model.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "app/simulation/draws.h"
+
+namespace tagdock {
+namespace {
+
+// Purposes of random numbers; World has 11 to 16.
+constexpr std::uint64_t corner_bias_purpose = 21;
+constexpr std::uint64_t corner_noise_purpose = 22;
+
+// Where the true corners of a tag are seen by the true camera; none if one is behind it or off the image.
+std::optional<Corners> corners_seen(const BoardTag& tag, const Eigen::Isometry3d& T_camera_station,
+                                    const CameraModel& camera, double border_px) {
+  Corners corners;
+  const TagPoints points = corners_station(tag);
+  const Eigen::Isometry3d T_camera_tag = T_camera_station * tag.T_station_tag;
+  if (T_camera_tag.linear().col(2).dot(T_camera_tag.translation()) <= 0.0) return std::nullopt;  // its back
+  for (std::size_t i = 0; i < 4; ++i) {
+    const Eigen::Vector3d point = T_camera_station * points[i];
+    if (point.z() < 0.15) return std::nullopt;
+    corners[i] = project(camera, point);
+    if (!(corners[i].minCoeff() >= border_px && corners[i].x() <= camera.width - 1 - border_px &&
+          corners[i].y() <= camera.height - 1 - border_px))
+      return std::nullopt;
+  }
+  return corners;
+}
+
+double shortest_side(const Corners& corners) {
+  double shortest = std::numeric_limits<double>::infinity();
+  for (std::size_t i = 0; i < 4; ++i) shortest = std::min(shortest, (corners[i] - corners[(i + 1) % 4]).norm());
+  return shortest;
+}
+
+}  // namespace
+
+double CornerErrors::at(const std::vector<double>& values, double side) const {
+  if (side <= side_px.front()) return values.front();
+  if (side >= side_px.back()) return values.back();
+  const auto above = static_cast<std::size_t>(std::upper_bound(side_px.begin(), side_px.end(), side) - side_px.begin());
+  const double share = std::log(side / side_px[above - 1]) / std::log(side_px[above] / side_px[above - 1]);
+  return values[above - 1] + share * (values[above] - values[above - 1]);
+}
+
+CornerErrors errors_of_tanh() {
+  return {{30.0, 60.0, 120.0, 240.0}, {0.02, 0.012, 0.008, 0.006}, {0.01, 0.006, 0.004, 0.003}, 0.0, 1.0};
+}
+
+CornerErrors errors_of_paper() { return {{1.0, 1000.0}, {0.10, 0.10}, {0.05, 0.05}, 0.1, 1.0}; }
+
+SightingModel::SightingModel(const Rig& calibrated, const Board& surveyed, const TagLocatorConfig& locator,
+                             const CornerErrors& errors, std::uint64_t seed)
+    : calibrated_(calibrated),
+      surveyed_(surveyed),
+      prior_(ground_prior(calibrated, locator)),
+      border_px_(locator.detector.border_px),
+      errors_(errors),
+      seed_(seed) {}
+
+Sighting SightingModel::look(const World& world, std::uint64_t frame, std::chrono::nanoseconds mid_exposure) const {
+  const TimedExposure exposure = world.exposure_at(mid_exposure);
+  const auto& poses = exposure.exposure.T_station_camera;
+  const Eigen::Isometry3d T_camera_station = poses[poses.size() / 2].inverse();
+  const Eigen::Isometry3d T_camera_station_open = poses.front().inverse();
+  const Eigen::Isometry3d T_camera_station_close = poses.back().inverse();
+  Draws noise(mixed(seed_) + frame, corner_noise_purpose);
+  std::vector<RefinedTag> tags;
+  for (const BoardTag& tag : world.board().tags) {
+    std::optional<Corners> corners = corners_seen(tag, T_camera_station, world.rig().camera, border_px_);
+    if (!corners) continue;
+    const double side = shortest_side(*corners);
+    const TagPoints points = corners_station(tag);
+    RefinedTag seen;
+    seen.id = tag.id;
+    Draws bias(mixed(seed_) + static_cast<std::uint64_t>(tag.id), corner_bias_purpose);
+    for (std::size_t i = 0; i < 4; ++i) {
+      const double blur = (project(world.rig().camera, T_camera_station_close * points[i]) -
+                           project(world.rig().camera, T_camera_station_open * points[i]))
+                              .norm();
+      const double sigma = std::hypot(errors_.noise_at(side), errors_.noise_per_blur_px * blur);
+      for (Eigen::Index axis = 0; axis < 2; ++axis) {
+        seen.corners_px[i][axis] = (*corners)[i][axis] + sigma * noise.normal() + errors_.bias_at(side) * bias.normal();
+        const auto place = static_cast<Eigen::Index>(2 * i) + axis;
+        seen.covariance_px2(place, place) = std::pow(errors_.claimed_share * sigma, 2);
+      }
+    }
+    seen.terms = "drawn";
+    tags.push_back(seen);
+  }
+  if (tags.empty()) return Unseen::no_tag;
+  Sighting sighting = board_pose(tags, surveyed_, calibrated_.camera, prior_, T_camera_station, PoseStarts::only_guess);
+  if (BoardSighting* board = std::get_if<BoardSighting>(&sighting)) {
+    board->frame_number = frame;
+    board->time = mid_exposure;
+  }
+  return sighting;
+}
+
+}  // namespace tagdock
