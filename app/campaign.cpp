@@ -146,9 +146,9 @@ std::vector<RunRecord> read_runs(const std::filesystem::path& file) {
 
 std::string campaign_text(const RunSettings& settings) {
   return std::string("version: 1\nprogram: \"tagdock " TAGDOCK_VERSION "\"\nstrategy: ") +
-         (settings.strategy == Strategy::servo ? "servo" : "paper") + "\nimages: " + (settings.images ? "on" : "off") +
-         "\nscenario_name: \"" + settings.scenario.name + "\"\n" + to_yaml(settings.config) + "# scenario file\n" +
-         settings.scenario_text;
+         (settings.strategy == Strategy::servo ? "servo" : "paper") + "\nteach: " + (settings.teach ? "on" : "off") +
+         "\nimages: " + (settings.images ? "on" : "off") + "\nscenario_name: \"" + settings.scenario.name + "\"\n" +
+         to_yaml(settings.config) + "# scenario file\n" + settings.scenario_text;
 }
 
 std::vector<RunRecord> run_campaign(const RunSettings& settings, const CampaignShare& share,

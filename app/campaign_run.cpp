@@ -96,8 +96,19 @@ std::string one_field(std::string text) {
 
 RunRecord run_servo(const RunSettings& settings, std::uint64_t seed) {
   Run run(settings, seed);
-  Docker docker(settings.config.rig, settings.config.docking);
   RunRecord record;
+  DockingConfig docking = settings.config.docking;
+  if (settings.teach) {
+    const std::optional<Pose2> taught = taught_pose(settings, seed);
+    if (!taught) {
+      record.result = "failed";
+      record.reason = "the docking pose could not be taught: the board is not seen well enough from there";
+      run.finish(record);
+      return record;
+    }
+    docking.dock_pose = *taught;
+  }
+  Docker docker(settings.config.rig, docking);
   bool over = false;
   while (!over && run.now() < longest_run) {
     const TickResult result = docker.tick(run.read([&](nanoseconds time) { return docker.predicted_view(time); }));
@@ -120,6 +131,21 @@ RunRecord run_servo(const RunSettings& settings, std::uint64_t seed) {
   return record;
 }
 
+// Stands until the filter has fused `sightings`; what it makes of them, if they came.
+std::optional<PoseEstimate> look_at_standstill(Run& run, PoseFilter& filter, int sightings) {
+  int fused = 0;
+  while (fused < sightings && run.now() < std::chrono::seconds(30)) {
+    const Tick tick = run.read([&](nanoseconds time) { return filter.predicted_view(time); });
+    for (const Odometry& reading : tick.odometry) filter.predict(reading);
+    if (const BoardSighting* seen = tick.sighting ? std::get_if<BoardSighting>(&*tick.sighting) : nullptr) {
+      const SightingUse use = filter.update(*seen).use;
+      if (use == SightingUse::fused || use == SightingUse::acquired) ++fused;
+    }
+    run.drive({}, milliseconds(20));
+  }
+  return fused < sightings ? std::nullopt : filter.estimate(run.now());
+}
+
 // The paper's limits: circles of 0.97 m, full curvature within 0.40 m (notes on docking, 4.8).
 DockingPlanConfig paper_plan() {
   DockingPlanConfig plan;
@@ -137,21 +163,11 @@ RunRecord run_paper(const RunSettings& settings, std::uint64_t seed) {
   RunRecord record;
   // The marker-centring position: one pose, from the mean of what was seen at standstill.
   PoseFilter filter(settings.config.rig, settings.config.docking.filter);
-  int fused = 0;
-  while (fused < sightings_at_start && run.now() < std::chrono::seconds(30)) {
-    const Tick tick = run.read([&](nanoseconds time) { return filter.predicted_view(time); });
-    for (const Odometry& reading : tick.odometry) filter.predict(reading);
-    if (const BoardSighting* seen = tick.sighting ? std::get_if<BoardSighting>(&*tick.sighting) : nullptr) {
-      const SightingUse use = filter.update(*seen).use;
-      if (use == SightingUse::fused || use == SightingUse::acquired) ++fused;
-    }
-    run.drive({}, milliseconds(20));
-  }
-  const std::optional<PoseEstimate> start = filter.estimate(run.now());
+  const std::optional<PoseEstimate> start = look_at_standstill(run, filter, sightings_at_start);
   const std::optional<Pose2> odom_start = filter.T_odom_base(run.now());
   const Pose2 goal = settings.config.docking.dock_pose * inverse(camera_point(settings.config.rig));
   record.result = "failed";
-  if (fused < sightings_at_start || !start || !odom_start) {
+  if (!start || !odom_start) {
     record.reason = "the tag was not seen well enough at the start";
     run.finish(record);
     return record;
@@ -188,6 +204,31 @@ RunRecord run_paper(const RunSettings& settings, std::uint64_t seed) {
 }
 
 }  // namespace
+
+std::optional<Pose2> taught_pose(const RunSettings& settings, std::uint64_t seed) {
+  constexpr int sightings = 40;
+  RunSettings before = settings;
+  before.scenario.residuals.camera_bump = 0.0;
+  // The lens itself is put at the dock, wherever calibration believes that it sits on the robot.
+  const Pose2& dock = settings.config.docking.dock_pose;
+  const Eigen::Vector3d lens =
+      true_rig(settings.config.rig, before.scenario.residuals, seed).T_base_camera.translation();
+  const Pose2 T_station_base = dock * inverse(Pose2{lens.x(), lens.y(), 0.0});
+  const Pose2 believed = T_station_base * Pose2{settings.config.rig.T_base_camera.translation().x(), 0.0, 0.0};
+  StartScenario& start = before.scenario.start;
+  start = {};
+  start.range = std::hypot(believed.x, believed.y);
+  start.bearing = std::atan2(-believed.y, -believed.x);
+  start.heading = dock.yaw - start.bearing;
+  start.range_sigma = start.bearing_sigma = start.bearing_spread = start.heading_sigma = start.heading_spread =
+      start.castor_sigma = 0.0;
+  before.scenario.station.board_moved = {};
+  Run run(before, seed);
+  PoseFilter filter(settings.config.rig, settings.config.docking.filter);
+  const std::optional<PoseEstimate> seen = look_at_standstill(run, filter, sightings);
+  if (!seen) return std::nullopt;
+  return seen->T_station_base * camera_point(settings.config.rig);
+}
 
 Rig five_megapixel_rig() {
   Rig rig = default_rig();

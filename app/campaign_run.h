@@ -22,6 +22,9 @@ struct RunSettings {
   Scenario scenario;
   std::string scenario_text;  ///< of its file, to tell campaigns apart; empty: the built-in one
   Strategy strategy = Strategy::servo;
+  /// The robot was put at the dock once, and keeps as docking pose what it saw there: what calibration and survey leave
+  /// cancels. Without, it believes the nominal pose of its configuration.
+  bool teach = true;
   bool images = false;  ///< rendered and seen by the real detector, or corners with drawn errors
   CornerErrors corner_errors = errors_of_tanh();
 };
@@ -42,6 +45,10 @@ struct RunRecord {
 
 /// One docking in a world of its own. The same settings and seed give the same record to the last bit.
 RunRecord run_once(const RunSettings& settings, std::uint64_t seed);
+
+/// The docking pose as a robot measures it that stands exactly there, in the same world as the run of that seed but
+/// before somebody moves the dock or touches the camera. None if it does not see the board well enough from there.
+std::optional<Pose2> taught_pose(const RunSettings& settings, std::uint64_t seed);
 
 /// The rig with which the paper's strategy is evaluated (notes on docking, 4.8): 2448x2048 pixels of 3.45 um behind an
 /// 8 mm lens without distortion, on the default robot.

@@ -27,6 +27,7 @@ struct EvaluateOptions {
   std::string board;
   std::string method;
   std::string law;
+  std::string teach = "on";
   std::string images = "off";
   int jobs = 0;
   std::string shard;
@@ -58,6 +59,7 @@ RunSettings settings_of(const EvaluateOptions& options) {
   RunSettings settings;
   const bool paper = options.strategy == "paper";
   settings.strategy = paper ? Strategy::paper : Strategy::servo;
+  settings.teach = options.teach == "on";
   settings.images = options.images == "on";
   Config config;
   if (paper) {
@@ -200,6 +202,11 @@ void add_evaluate(CLI::App& program, Action& action) {
       ->check(CLI::IsMember({"apriltag", "tanh", "filter", "erf", "best"}));
   verb->add_option("--law", options->law, "of the last phase: line, or ViSP's centering")
       ->check(CLI::IsMember({"line", "centering"}));
+  verb->add_option("--teach", options->teach,
+                   "on: the robot was put at the dock once and keeps what it saw there; off: it believes the nominal "
+                   "docking pose, and what calibration and survey leave stays in the error")
+      ->check(CLI::IsMember({"on", "off"}))
+      ->capture_default_str();
   verb->add_option("--images", options->images,
                    "on: rendered and seen by the detector; off: true corners with drawn errors, a hundred times faster")
       ->check(CLI::IsMember({"on", "off"}))

@@ -56,7 +56,7 @@ void RobotPhysics::draw_start(const StartScenario& start, double camera_ahead, s
   Draws draws(seed, 4);
   double bearing = start.bearing + start.bearing_sigma * draws.normal();
   const double range = start.range + start.range_sigma * draws.normal();
-  double heading = start.heading_sigma * draws.normal();
+  double heading = start.heading + start.heading_sigma * draws.normal();
   for (double& angle : truth_.castor_angles)
     angle = wrap_angle(start.castor_angle + start.castor_sigma * draws.normal());
   bearing += start.bearing_spread * draws.even();

@@ -41,6 +41,7 @@ std::vector<Key> keys_of(Scenario& scenario) {
       {"start", "bearing_deg", &start.bearing, -60.0, 60.0, degree},
       {"start", "bearing_sigma_deg", &start.bearing_sigma, 0.0, 10.0, degree},
       {"start", "bearing_spread_deg", &start.bearing_spread, 0.0, 45.0, degree},
+      {"start", "heading_deg", &start.heading, -90.0, 90.0, degree},
       {"start", "heading_sigma_deg", &start.heading_sigma, 0.0, 10.0, degree},
       {"start", "heading_spread_deg", &start.heading_spread, 0.0, 45.0, degree},
       {"start", "castor_angle", &start.castor_angle, -3.15, 3.15},

@@ -19,6 +19,7 @@ struct StartScenario {
   double bearing = 0.0;                  ///< rad; positive starts right of the axis, as seen when facing the wall
   double bearing_sigma = radians(0.4);   ///< rad
   double bearing_spread = radians(5.0);  ///< rad
+  double heading = 0.0;                  ///< rad; mean deviation from looking at the board
   double heading_sigma = radians(0.3);   ///< rad
   double heading_spread = radians(2.0);  ///< rad
   double castor_angle = 0.0;             ///< rad; 0 trails in forward travel, 3.1 is reversed
