@@ -99,14 +99,16 @@ RunRecord run_servo(const RunSettings& settings, std::uint64_t seed) {
   RunRecord record;
   DockingConfig docking = settings.config.docking;
   if (settings.teach) {
-    const std::optional<Pose2> taught = taught_pose(settings, seed);
+    const std::optional<Fix> taught = taught_pose(settings, seed);
     if (!taught) {
       record.result = "failed";
       record.reason = "the docking pose could not be taught: the board is not seen well enough from there";
       run.finish(record);
       return record;
     }
-    docking.dock_pose = *taught;
+    docking.dock_pose = taught->T_station_base * camera_point(settings.config.rig);
+    docking.dock_pose_taught = true;
+    docking.dock_pose_covariance = taught->covariance;
   }
   Docker docker(settings.config.rig, docking);
   bool over = false;
@@ -131,19 +133,19 @@ RunRecord run_servo(const RunSettings& settings, std::uint64_t seed) {
   return record;
 }
 
-// Stands until the filter has fused `sightings`; what it makes of them, if they came.
-std::optional<PoseEstimate> look_at_standstill(Run& run, PoseFilter& filter, int sightings) {
-  int fused = 0;
-  while (fused < sightings && run.now() < std::chrono::seconds(30)) {
+// Stands until the filter has fused `count` sightings, and gives those; fewer if they did not come.
+std::vector<PlanarSighting> look_at_standstill(Run& run, PoseFilter& filter, std::size_t count) {
+  std::vector<PlanarSighting> fused;
+  while (fused.size() < count && run.now() < std::chrono::seconds(30)) {
     const Tick tick = run.read([&](nanoseconds time) { return filter.predicted_view(time); });
     for (const Odometry& reading : tick.odometry) filter.predict(reading);
     if (const BoardSighting* seen = tick.sighting ? std::get_if<BoardSighting>(&*tick.sighting) : nullptr) {
-      const SightingUse use = filter.update(*seen).use;
-      if (use == SightingUse::fused || use == SightingUse::acquired) ++fused;
+      const FilterUpdate update = filter.update(*seen);
+      if (update.use == SightingUse::fused || update.use == SightingUse::acquired) fused.push_back(*update.sighting);
     }
     run.drive({}, milliseconds(20));
   }
-  return fused < sightings ? std::nullopt : filter.estimate(run.now());
+  return fused;
 }
 
 // The paper's limits: circles of 0.97 m, full curvature within 0.40 m (notes on docking, 4.8).
@@ -158,12 +160,13 @@ DockingPlanConfig paper_plan() {
 }
 
 RunRecord run_paper(const RunSettings& settings, std::uint64_t seed) {
-  constexpr int sightings_at_start = 20;
+  constexpr std::size_t sightings_at_start = 20;
   Run run(settings, seed);
   RunRecord record;
   // The marker-centring position: one pose, from the mean of what was seen at standstill.
   PoseFilter filter(settings.config.rig, settings.config.docking.filter);
-  const std::optional<PoseEstimate> start = look_at_standstill(run, filter, sightings_at_start);
+  const bool seen = look_at_standstill(run, filter, sightings_at_start).size() == sightings_at_start;
+  const std::optional<PoseEstimate> start = seen ? filter.estimate(run.now()) : std::nullopt;
   const std::optional<Pose2> odom_start = filter.T_odom_base(run.now());
   const Pose2 goal = settings.config.docking.dock_pose * inverse(camera_point(settings.config.rig));
   record.result = "failed";
@@ -205,8 +208,8 @@ RunRecord run_paper(const RunSettings& settings, std::uint64_t seed) {
 
 }  // namespace
 
-std::optional<Pose2> taught_pose(const RunSettings& settings, std::uint64_t seed) {
-  constexpr int sightings = 40;
+std::optional<Fix> taught_pose(const RunSettings& settings, std::uint64_t seed) {
+  constexpr std::size_t count = 40;
   RunSettings before = settings;
   before.scenario.residuals.camera_bump = 0.0;
   // The lens itself is put at the dock, wherever calibration believes that it sits on the robot.
@@ -225,9 +228,11 @@ std::optional<Pose2> taught_pose(const RunSettings& settings, std::uint64_t seed
   before.scenario.station.board_moved = {};
   Run run(before, seed);
   PoseFilter filter(settings.config.rig, settings.config.docking.filter);
-  const std::optional<PoseEstimate> seen = look_at_standstill(run, filter, sightings);
-  if (!seen) return std::nullopt;
-  return seen->T_station_base * camera_point(settings.config.rig);
+  const std::vector<PlanarSighting> seen = look_at_standstill(run, filter, count);
+  if (seen.size() < count) return std::nullopt;
+  DockingConfig repeatable = settings.config.docking;  // what stays the same at every docking is part of the pose
+  repeatable.dock_pose_taught = true;
+  return fix_from(seen, repeatable);
 }
 
 Rig five_megapixel_rig() {

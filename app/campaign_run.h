@@ -48,7 +48,7 @@ RunRecord run_once(const RunSettings& settings, std::uint64_t seed);
 
 /// The docking pose as a robot measures it that stands exactly there, in the same world as the run of that seed but
 /// before somebody moves the dock or touches the camera. None if it does not see the board well enough from there.
-std::optional<Pose2> taught_pose(const RunSettings& settings, std::uint64_t seed);
+std::optional<Fix> taught_pose(const RunSettings& settings, std::uint64_t seed);
 
 /// The rig with which the paper's strategy is evaluated (notes on docking, 4.8): 2448x2048 pixels of 3.45 um behind an
 /// 8 mm lens without distortion, on the default robot.

@@ -60,6 +60,9 @@ void visit(Fields& fields, DockingConfig& docking) {
     inner.number("forward_noise", filter.forward_noise, 1e-5, 1.0);
     inner.number("sideways_noise", filter.sideways_noise, 1e-5, 1.0);
     inner.number("yaw_noise", filter.yaw_noise, 1e-5, 1.0);
+    inner.number("castor_scrub", filter.castors.scrub, 0.0, 2.0);
+    inner.number("castor_scrub_sigma", filter.castors.scrub_sigma, 0.0, 2.0);
+    inner.number("castor_scrub_wander", filter.castors.scrub_wander, 0.0, 2.0);
     inner.number("turn_noise", filter.turn_noise, 0.0, 1.0);
     inner.number("gate", filter.gate, 1.0, 1e6);
     inner.number("corner_bias_px", filter.corner_bias_px, 0.0, 5.0);
@@ -91,7 +94,8 @@ void visit(Fields& fields, DockingConfig& docking) {
     std::string law = docking.servo.law == ServoLaw::line ? "line" : "centering";
     inner.word("law", law, {"line", "centering"});
     docking.servo.law = law == "line" ? ServoLaw::line : ServoLaw::centering;
-    inner.number("length_m", docking.line.length, 0.05, 5.0);
+    inner.number("length_m", docking.line.length, 0.1, 5.0);
+    inner.number("lengths_per_lag", docking.lengths_per_lag, 0.0, 10.0);
     inner.number("max_speed", docking.line.max_speed, 0.01, 0.3);
     inner.number("braking", docking.line.braking, 0.005, 3.0);
     inner.number("response_time_s", docking.line.response_time, 0.0, 2.0);

@@ -44,6 +44,22 @@ double sigma_y_of_camera(const PoseEstimate& estimate, const DockingConfig& conf
   return std::sqrt(across.dot(estimate.covariance * across));
 }
 
+// The pose to steer by: with the heading that the robot has once its castors trail again. A law that answers to what
+// they hold back answers to its own command, and swings (scrub of 0.2 rad/m, L of 0.4 m).
+Pose2 steered_by(const PoseEstimate& estimate) {
+  Pose2 pose = estimate.T_station_base;
+  pose.yaw = wrap_angle(pose.yaw + estimate.held_back);
+  return pose;
+}
+
+// The line law, no stiffer than the castors bear.
+LineLawConfig law_for(const PoseEstimate& estimate, const DockingConfig& config) {
+  LineLawConfig law = config.line;
+  law.length = std::max(law.length, config.lengths_per_lag * heading_lag(estimate.castor_scrub, config.filter.castors));
+  law.slow_length = std::max(law.slow_length, law.length);
+  return law;
+}
+
 bool is_still(const Odometry& odometry) {
   constexpr double still_speed = 0.002;      // m/s
   constexpr double still_turn_rate = 0.003;  // rad/s
@@ -262,14 +278,15 @@ struct EntryCheck {
 };
 
 // Whether the line law can start here.
-EntryCheck entry_check(const Job& job, const Pose2& T_station_base, const DockingConfig& config) {
+EntryCheck entry_check(const Job& job, const PoseEstimate& estimate, const DockingConfig& config) {
   const double share = job.attempts > 1 ? config.entry.retry_share : 1.0;
-  const Pose2 T_goal_base = between(goal_of_axle(config), T_station_base);
+  const Pose2 T_goal_base = between(goal_of_axle(config), steered_by(estimate));
+  const double length = law_for(estimate, config).length;
   const double rest = -T_goal_base.x;
   const double heading = wrap_angle(T_goal_base.yaw);
-  const double left = lateral_left(T_goal_base.y, heading, std::max(0.0, rest), config.line.length);
+  const double left = lateral_left(T_goal_base.y, heading, std::max(0.0, rest), length);
   // Beyond this lateral error the heading limit holds the law back, and the estimate of what is left is too good.
-  const double linear = 2.0 * config.line.length * std::tan(2.0 * config.line.min_heading);
+  const double linear = 2.0 * length * std::tan(2.0 * config.line.min_heading);
   const bool good = rest > 0.0 && std::abs(left) < share * config.entry.lateral_left &&
                     std::abs(T_goal_base.y) < linear && std::abs(heading) < share * config.entry.max_heading;
   return {good, text("%.2f m to go, %+.1f mm beside the line, %+.2f deg", rest, 1e3 * T_goal_base.y, degrees(heading))};
@@ -331,7 +348,8 @@ std::optional<Step> planned(const Validating& now, const Inputs& inputs, const D
     return Step{following, {}, reason};
   };
   constexpr double nearer = 0.1;  // m, between the entries that are tried
-  for (double run_in = config.entry.run_in; run_in > config.entry.min_run_in - 1e-9; run_in -= nearer) {
+  const double wanted = std::max(config.entry.run_in, 4.0 * law_for(*inputs.estimate, config).length);
+  for (double run_in = wanted; run_in > config.entry.min_run_in - 1e-9; run_in -= nearer) {
     const std::variant<Path, std::string> answer = path_to(start, goal * Pose2{-run_in, 0.0, 0.0}, false, config);
     if (const Path* path = std::get_if<Path>(&answer)) {
       if (keeps_view(*path, config)) {
@@ -364,13 +382,12 @@ Step step_validating(const Validating& now, const Inputs& inputs, const DockingC
       std::abs(wrap_angle(T_goal_base.yaw)) < config.fix.tolerance_yaw) {
     return {Fixing{now.job, inputs.now, {}}, {}, "the robot stands at the dock already"};
   }
-  const EntryCheck entry = entry_check(now.job, inputs.estimate->T_station_base, config);
+  const EntryCheck entry = entry_check(now.job, *inputs.estimate, config);
   if (entry.good) {
     Servoing servoing;
     servoing.job = now.job;
     servoing.job.turn_allowed = false;
     servoing.since = inputs.now;
-    servoing.lateral_at_entry = T_goal_base.y - now.job.aim;
     return {servoing, {}, "on the dock's line: " + entry.found};
   }
   std::string refusal = "no path was tried";
@@ -386,13 +403,11 @@ Step step_validating(const Validating& now, const Inputs& inputs, const DockingC
 // ------------------------------------------------------------------------------------------------------- following
 
 Step to_servo(const Following& now, const Inputs& inputs, const DockingConfig& config) {
-  const Pose2 T_goal_base = between(goal_of_axle(config), inputs.estimate->T_station_base);
-  const EntryCheck entry = entry_check(now.job, inputs.estimate->T_station_base, config);
+  const EntryCheck entry = entry_check(now.job, *inputs.estimate, config);
   if (!entry.good) return next_attempt(now.job, {Cause::entry_missed, "the path ended " + entry.found}, inputs, config);
   Servoing servoing;
   servoing.job = now.job;
   servoing.since = inputs.now;
-  servoing.lateral_at_entry = T_goal_base.y - now.job.aim;
   return {servoing, inputs.last_command, entry.found};
 }
 
@@ -405,8 +420,12 @@ Step step_following(const Following& before, const Inputs& inputs, const Docking
   OdometryControllerConfig controller = config.segments;
   if (!now.blind) controller.end_speed = 0.05;  // m/s; the line law takes over in motion
   const Pose2 by_odometry = now.T_station_odom * inputs.odometry.T_odom_base;
-  const Pose2 pose = config.fuse_in_segments ? inputs.estimate->T_station_base : by_odometry;
-  if (config.fuse_in_segments) controller.damping = config.fused_damping;
+  const Pose2 pose = config.fuse_in_segments ? steered_by(*inputs.estimate) : by_odometry;
+  if (config.fuse_in_segments) {
+    controller.damping = config.fused_damping;
+    controller.castor_scrub = inputs.estimate->castor_scrub;
+    controller.castors = config.filter.castors;
+  }
   const FollowStep driven = follow(now.path, now.follow, pose, inputs.step, controller);
   now.follow = driven.next;
   constexpr double hand_over = 0.010;  // m before the end
@@ -446,9 +465,9 @@ Step step_servoing(const Servoing& before, const Inputs& inputs, const DockingCo
   }
 
   now.travelled += std::abs(inputs.odometry.velocity.linear) * seconds(inputs.step);
-  const LineCommand line =
-      follow_line(line_target(now.job, config), inputs.estimate->T_station_base, inputs.last_command,
-                  inputs.odometry.velocity.linear, inputs.step, now.slow, config.line);
+  const LineLawConfig law = law_for(*inputs.estimate, config);
+  const LineCommand line = follow_line(line_target(now.job, config), steered_by(*inputs.estimate), inputs.last_command,
+                                       inputs.odometry.velocity.linear, inputs.step, now.slow, law);
   if (config.servo.law == ServoLaw::centering) {
     const double wanted = -config.dock_pose.x;
     if (!inputs.view) return {now, {}, {}};
@@ -462,10 +481,11 @@ Step step_servoing(const Servoing& before, const Inputs& inputs, const DockingCo
     return {now, centering.value_or(Twist2{}), {}};
   }
 
-  if (std::abs(line.lateral) - std::abs(now.lateral_at_entry) > config.servo.max_growth) {
+  const double left = lateral_left(line.lateral, line.heading, std::max(0.0, line.remaining), law.length);
+  if (std::abs(left) > config.servo.max_left) {
     return next_attempt(now.job,
-                        {Cause::drifted, text("the lateral error grew from %.1f to %.1f mm on the line",
-                                              1e3 * now.lateral_at_entry, 1e3 * line.lateral)},
+                        {Cause::drifted, text("%+.1f mm beside the line with %.2f m to go, %+.1f mm would be left",
+                                              1e3 * line.lateral, line.remaining, 1e3 * left)},
                         inputs, config);
   }
   const double sigma_y = sigma_y_of_camera(*inputs.estimate, config);
@@ -604,8 +624,8 @@ void check(const DockingConfig& config) {
           text("the docking pose x %g m, y %g m must be finite and before the wall (x below 0)", config.dock_pose.x,
                config.dock_pose.y));
   require(
-      config.line.length >= 0.2 && config.line.slow_length >= config.line.length,
-      text("line.length is %g m; it must be at least 0.2 m, and line.slow_length not below it", config.line.length));
+      config.line.length >= 0.1 && config.line.slow_length >= config.line.length,
+      text("line.length is %g m; it must be at least 0.1 m, and line.slow_length not below it", config.line.length));
   require(config.line.max_speed > 0.0 && config.line.max_speed <= config.gate.max_speed,
           text("line.max_speed is %g m/s; it must be above 0 and at most gate.max_speed, %g m/s", config.line.max_speed,
                config.gate.max_speed));
@@ -754,8 +774,13 @@ std::optional<Fix> fix_from(std::span<const PlanarSighting> sightings, const Doc
   const double scatter = std::max(1.0, fix.chi2);
   const double position = config.fix.calibration_position * config.fix.calibration_position;
   const double turn = config.fix.calibration_yaw * config.fix.calibration_yaw;
-  fix.covariance = scatter * information.inverse() + bias;
-  fix.covariance.diagonal() += Eigen::Vector3d(position, position, turn);
+  fix.covariance = scatter * information.inverse();
+  if (config.dock_pose_taught) {
+    fix.covariance += config.dock_pose_covariance;
+  } else {
+    fix.covariance += bias;
+    fix.covariance.diagonal() += Eigen::Vector3d(position, position, turn);
+  }
 
   const Pose2 point{about.x + mean.x(), about.y + mean.y(), about.yaw + mean.z()};
   fix.T_station_base = point * inverse(ahead);

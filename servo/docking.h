@@ -64,9 +64,9 @@ struct EntryConfig {
 
 struct ServoConfig {
   ServoLaw law = ServoLaw::line;
-  /// m by which the lateral error may exceed its value at entry. The notes' 10 mm ended runs that castors had pushed
-  /// aside by 14 mm at entry and that the law then brought back.
-  double max_growth = 0.025;
+  /// m; where the law would leave more beside the line than this the attempt ends. (The notes end it where the error
+  /// has grown by 10 mm, which castors that turn round do for a while.)
+  double max_left = 0.015;
   double max_sigma_y = 0.003;                                      ///< m, of the camera point
   double sigma_within = 0.5;                                       ///< m to go from which `max_sigma_y` counts
   double centering_end = 0.002;                                    ///< m from Z* at which the centring law is done
@@ -112,16 +112,20 @@ DockingPlanConfig entry_plan();
 struct DockingConfig {
   Rig rig = default_rig();          ///< Docker puts its own here
   Pose2 dock_pose{-1.0, 0.0, 0.0};  ///< of the camera point in the station frame
-  double board_width = 0.6;         ///< m, board and clearance
+  /// The docking pose was measured by this robot standing there: what calibration and survey leave is in it too, and
+  /// cancels. Otherwise those count as uncertainty of the fix.
+  bool dock_pose_taught = false;
+  Eigen::Matrix3d dock_pose_covariance = Eigen::Matrix3d::Zero();  ///< of that measurement [x y yaw], m and rad
+  double board_width = 0.6;                                        ///< m, board and clearance
   PoseFilterConfig filter;
   CommandGateConfig gate;
   OdometryControllerConfig segments;
   /// Deviations from the path are taken from the filter (odometry and sightings) or from odometry alone, as the paper.
   bool fuse_in_segments = true;
-  /// Damping a where deviations come from the filter. Sightings see the heading that scrubbing castors hold back, which
-  /// odometry does not; with the paper's 0.075 (19 per metre at 0.2 m/s) that loop swings by 5 degrees on a floor with
-  /// much friction (simulator, seeds 5 and 14 of the default scenario: 1.0 degree left at the dock, here 0.3).
-  double fused_damping = 0.02;
+  /// Damping a where deviations come from the filter.
+  double fused_damping = 0.08;
+  /// The line law's L is at least this many of the robot's heading lag: castors that scrub harder get a softer law.
+  double lengths_per_lag = 1.5;
   LineLawConfig line;
   SwingConfig swing;
   MarkerCenteringConfig centering;
@@ -221,7 +225,6 @@ struct Following {
 struct Servoing {
   Job job;
   std::chrono::nanoseconds since{0};
-  double lateral_at_entry = 0.0;
   double travelled = 0.0;  ///< m
   SwingWatch swing;
   bool slow = false;  ///< swinging was seen once

@@ -9,7 +9,7 @@ namespace tagdock {
 
 /// Source: notes on docking, 7.2 and 7.3.
 struct LineLawConfig {
-  double length = 0.40;             ///< L of the double pole at 1/L [m]; below 0.4 m castors make it swing
+  double length = 0.20;             ///< L of the double pole at 1/L [m]
   double slow_length = 0.60;        ///< L once swinging was seen [m]
   double max_curvature = 1.5;       ///< 1/m
   double max_turn_rate = 0.4;       ///< rad/s

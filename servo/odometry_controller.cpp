@@ -13,6 +13,25 @@ double toward(double value, double target, double up, double down) {
   return value + std::clamp(target - value, -down, up);
 }
 
+// What the wheels have to drive for the robot to be on the path: its heading, and what the castors hold back of it.
+struct Steering {
+  double heading = 0.0;    // rad
+  double curvature = 0.0;  // 1/m
+};
+
+Steering steering_at(const Path& path, double distance, const OdometryControllerConfig& config) {
+  const PathPoint here = point_at(path, distance);
+  if (config.castor_scrub <= 0.0 || here.direction < 0) return {here.pose.yaw, here.curvature};
+  const auto curvature_at = [&](double at) { return point_at(path, std::clamp(at, 0.0, length(path))).curvature; };
+  const auto held = [&](double at) {
+    return config.castor_scrub * held_back_in_turn(curvature_at(at), config.castors);
+  };
+  constexpr double beside = 0.03;  // m; castors do not follow faster
+  const double later = distance + config.steer_ahead;
+  return {here.pose.yaw + held(distance),
+          curvature_at(later) + (held(later + beside) - held(later - beside)) / (2.0 * beside)};
+}
+
 }  // namespace
 
 std::chrono::nanoseconds control_period(std::chrono::nanoseconds segment_time, std::chrono::nanoseconds nominal,
@@ -55,7 +74,8 @@ FollowStep follow(const Path& path, const FollowState& state, const Pose2& pose,
   result.deviation.yaw = wrap_angle(result.deviation.yaw);
   const double along_error = -result.deviation.x;  // ahead is positive for the direction the robot faces
   const double lateral_error = -result.deviation.y;
-  const double heading_error = -result.deviation.yaw;
+  const Steering steering = steering_at(path, result.next.reference, config);
+  const double heading_error = wrap_angle(steering.heading - pose.yaw);
 
   if (result.remaining < 0.001 && config.end_speed == 0.0) {
     // Creep to the end, then hold it.
@@ -74,7 +94,7 @@ FollowStep follow(const Path& path, const FollowState& state, const Pose2& pose,
   result.command.linear =
       std::clamp(speed + config.along_share * gain * along_error, -config.max_command, config.max_command);
   result.command.angular = std::clamp(
-      speed * wanted.curvature + gain * (heading_error + wanted.direction * lateral_error / config.lateral_length),
+      speed * steering.curvature + gain * (heading_error + wanted.direction * lateral_error / config.lateral_length),
       -config.max_turn_rate, config.max_turn_rate);
   return result;
 }

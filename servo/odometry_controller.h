@@ -4,6 +4,7 @@
 
 #include "planning/path.h"
 #include "planning/pose2.h"
+#include "servo/castors.h"
 
 namespace tagdock {
 
@@ -38,6 +39,11 @@ struct OdometryControllerConfig {
   double end_length = 0.02;     ///< m
   double arrival = 0.0008;      ///< m, along the path
   std::chrono::nanoseconds rest = std::chrono::milliseconds(500);  ///< standing at the end before it counts as done
+  /// Castors that hold the heading back; the wheels are steered ahead of the path by as much. Forward paths only; the
+  /// pose given to `follow` then has the heading that the wheels drove. 0 is a robot without.
+  double castor_scrub = 0.0;  ///< rad/m
+  double steer_ahead = 0.07;  ///< m by which a turn is steered early: castors and drive take their time
+  CastorConfig castors;
 };
 
 /// What following a path remembers from one cycle to the next.

@@ -50,18 +50,6 @@ Eigen::Matrix3d drift(const Pose2& motion, double heading, const PoseFilterConfi
   return noise;
 }
 
-// Covariance of T_station_base after a motion in the body frame.
-Eigen::Matrix3d predicted(const Eigen::Matrix3d& covariance, const Pose2& T_station_base, const Pose2& motion,
-                          const PoseFilterConfig& config) {
-  const double c = std::cos(T_station_base.yaw);
-  const double s = std::sin(T_station_base.yaw);
-  Eigen::Matrix3d by_state = Eigen::Matrix3d::Identity();
-  by_state(0, 2) = -s * motion.x - c * motion.y;
-  by_state(1, 2) = c * motion.x - s * motion.y;
-  Eigen::Matrix3d result = by_state * covariance * by_state.transpose() + drift(motion, T_station_base.yaw, config);
-  return 0.5 * (result + result.transpose());
-}
-
 // Takes the heading out of a sighting: a turn about the station's origin, which leaves bearing and distance.
 Eigen::Matrix3d without_yaw(const PlanarSighting& sighting, double sigma) {
   const Eigen::Vector3d turn(-sighting.T_station_base.y, sighting.T_station_base.x, 1.0);
@@ -159,21 +147,57 @@ std::string_view word(SightingUse use) {
   return "unknown";
 }
 
-PoseFilter::PoseFilter(const Rig& rig, const PoseFilterConfig& config) : rig_(rig), config_(config) {}
+PoseFilter::PoseFilter(const Rig& rig, const PoseFilterConfig& config)
+    : rig_(rig),
+      config_(config),
+      scrub_(config.castors.scrub),
+      scrub_variance_(config.castors.scrub_sigma * config.castors.scrub_sigma) {}
 
 void PoseFilter::predict(const Odometry& reading) {
   if (!is_finite(reading.T_odom_base) || !is_finite(reading.velocity)) return;
   if (!states_.empty() && reading.time <= states_.back().reading.time) return;
-  states_.push_back({reading, {}, Eigen::Matrix3d::Zero()});
-  if (has_estimate_) propagate_from(states_.size() - 2);
+  State newest;
+  newest.reading = reading;
+  states_.push_back(newest);
+  if (states_.size() > 1) propagate_from(states_.size() - 2);
   while (states_.size() > config_.readings_remembered) states_.pop_front();
+}
+
+PoseFilter::State PoseFilter::moved_on(const State& before, const Pose2& motion) const {
+  State after = before;
+  after.reading.T_odom_base = before.reading.T_odom_base * motion;
+  const CastorPush castors = push(before.castors, motion, rig_.odometry.track, config_.castors);
+  after.castors = castors.after;
+  if (!has_estimate_) return after;
+
+  // The castors' part of the turn bends the chord by half of it.
+  const double turned = before.scrub * castors.around;
+  const double heading = before.T_station_base.yaw + 0.5 * turned;
+  const double c = std::cos(heading);
+  const double s = std::sin(heading);
+  const double aside = motion.y + before.scrub * castors.aside;
+  const Eigen::Vector2d step(c * motion.x - s * aside, s * motion.x + c * aside);
+  after.T_station_base = {before.T_station_base.x + step.x(), before.T_station_base.y + step.y(),
+                          wrap_angle(before.T_station_base.yaw + motion.yaw + turned)};
+
+  Eigen::Matrix4d by_state = Eigen::Matrix4d::Identity();
+  by_state(0, 2) = -step.y();
+  by_state(1, 2) = step.x();
+  by_state(0, 3) = -0.5 * castors.around * step.y() - s * castors.aside;
+  by_state(1, 3) = 0.5 * castors.around * step.x() + c * castors.aside;
+  by_state(2, 3) = castors.around;
+  Eigen::Matrix4d result = by_state * before.covariance * by_state.transpose();
+  result.topLeftCorner<3, 3>() += drift(motion, before.T_station_base.yaw, config_);
+  result(3, 3) += config_.castors.scrub_wander * config_.castors.scrub_wander * std::hypot(motion.x, motion.y);
+  after.covariance = 0.5 * (result + result.transpose());
+  return after;
 }
 
 void PoseFilter::propagate_from(std::size_t index) {
   for (std::size_t i = index; i + 1 < states_.size(); ++i) {
-    const Pose2 motion = between(states_[i].reading.T_odom_base, states_[i + 1].reading.T_odom_base);
-    states_[i + 1].T_station_base = states_[i].T_station_base * motion;
-    states_[i + 1].covariance = predicted(states_[i].covariance, states_[i].T_station_base, motion, config_);
+    const Odometry reading = states_[i + 1].reading;
+    states_[i + 1] = moved_on(states_[i], between(states_[i].reading.T_odom_base, reading.T_odom_base));
+    states_[i + 1].reading = reading;
   }
 }
 
@@ -194,13 +218,8 @@ PoseFilter::State PoseFilter::state_at(std::size_t before, std::chrono::nanoseco
   } else {
     motion = moved({}, state.reading.velocity, seconds(time - state.reading.time));
   }
-  State result = state;
+  State result = moved_on(state, motion);
   result.reading.time = time;
-  result.reading.T_odom_base = state.reading.T_odom_base * motion;
-  if (has_estimate_) {
-    result.T_station_base = state.T_station_base * motion;
-    result.covariance = predicted(state.covariance, state.T_station_base, motion, config_);
-  }
   return result;
 }
 
@@ -278,7 +297,10 @@ FilterUpdate PoseFilter::acquire(const PlanarSighting& sighting) {
   const Pose2 now{sighting.T_station_base.x + mean.x(), sighting.T_station_base.y + mean.y(),
                   sighting.T_station_base.yaw + mean.z()};
   state.T_station_base = now * between(T_odom_base, state.reading.T_odom_base);
-  state.covariance = information.inverse();
+  state.covariance.setZero();
+  state.covariance.topLeftCorner<3, 3>() = information.inverse();
+  state.scrub = scrub_;
+  state.covariance(3, 3) = scrub_variance_;
   has_estimate_ = true;
   // Older readings are not described by the new estimate.
   states_.erase(states_.begin(), states_.begin() + static_cast<std::ptrdiff_t>(before));
@@ -296,7 +318,7 @@ FilterUpdate PoseFilter::fuse(const PlanarSighting& first, const std::optional<P
   const State prior = state_at(before, first.time);
   const auto to_estimate = [&](const PlanarSighting& sighting, const Eigen::Matrix3d& covariance) {
     return distance2(difference(sighting.T_station_base, prior.T_station_base),
-                     prior.covariance + covariance + sighting.bias_covariance);
+                     prior.covariance.topLeftCorner<3, 3>() + covariance + sighting.bias_covariance);
   };
 
   PlanarSighting sighting = first;
@@ -323,14 +345,18 @@ FilterUpdate PoseFilter::fuse(const PlanarSighting& first, const std::optional<P
   rejects_ = 0;
 
   const Eigen::Matrix3d noise = sighting.covariance + sighting.bias_covariance;
-  const Eigen::Matrix3d innovation = prior.covariance + noise;
-  const Eigen::Matrix3d gain = innovation.ldlt().solve(prior.covariance).transpose();
-  const Eigen::Vector3d change = gain * difference(sighting.T_station_base, prior.T_station_base);
-  const Eigen::Matrix3d rest = Eigen::Matrix3d::Identity() - gain;
+  const Eigen::Matrix3d innovation = prior.covariance.topLeftCorner<3, 3>() + noise;
+  const Eigen::Matrix<double, 4, 3> gain = innovation.ldlt().solve(prior.covariance.topRows<3>()).transpose();
+  const Eigen::Vector4d change = gain * difference(sighting.T_station_base, prior.T_station_base);
+  Eigen::Matrix4d rest = Eigen::Matrix4d::Identity();
+  rest.leftCols<3>() -= gain;
   State updated = prior;
   updated.T_station_base = {prior.T_station_base.x + change.x(), prior.T_station_base.y + change.y(),
                             prior.T_station_base.yaw + change.z()};
+  updated.scrub = std::max(0.0, prior.scrub + change.w());
   updated.covariance = rest * prior.covariance * rest.transpose() + gain * noise * gain.transpose();  // Joseph
+  scrub_ = updated.scrub;
+  scrub_variance_ = updated.covariance(3, 3);
 
   // The updated state stands between two readings; it takes its place among them as one more.
   const auto place = states_.begin() + static_cast<std::ptrdiff_t>(before);
@@ -353,7 +379,15 @@ std::optional<PoseEstimate> PoseFilter::estimate(std::chrono::nanoseconds time) 
   const std::optional<std::size_t> before = state_before(time);
   if (!before) return std::nullopt;
   const State state = state_at(*before, time);
-  return PoseEstimate{time, state.T_station_base, state.covariance + bias_covariance_, seen_};
+  PoseEstimate estimate;
+  estimate.time = time;
+  estimate.T_station_base = state.T_station_base;
+  estimate.covariance = state.covariance.topLeftCorner<3, 3>() + bias_covariance_;
+  estimate.seen = seen_;
+  estimate.castor_scrub = state.scrub;
+  estimate.castor_scrub_sigma = std::sqrt(state.covariance(3, 3));
+  estimate.held_back = state.scrub * held_back(state.castors, config_.castors);
+  return estimate;
 }
 
 std::optional<Pose2> PoseFilter::T_odom_base(std::chrono::nanoseconds time) const {

@@ -12,6 +12,7 @@
 #include "calibration/rig.h"
 #include "detection/tag_pose.h"
 #include "planning/pose2.h"
+#include "servo/castors.h"
 #include "servo/robot.h"
 
 namespace tagdock {
@@ -45,9 +46,9 @@ struct PoseFilterConfig {
   // Drift of odometry in body axes per square root of the driven distance (notes on docking, 4.6).
   double forward_noise = 0.005;   ///< m per sqrt(m)
   double sideways_noise = 0.003;  ///< m per sqrt(m)
-  /// rad per sqrt(m); the notes have 0.006, which scrubbing castors exceed (they push by up to 0.4 rad/m).
-  double yaw_noise = 0.02;
-  double turn_noise = 0.04;      ///< share of the angle turned between two readings
+  double yaw_noise = 0.02;        ///< rad per sqrt(m); beside what castors do
+  double turn_noise = 0.04;       ///< share of the angle turned between two readings
+  CastorConfig castors;
   double gate = 40.0;            ///< largest accepted squared Mahalanobis distance of a sighting, 3 values
   int rejects_until_lost = 5;    ///< in a row
   double doubt = 1.5;            ///< factor on the covariance of the estimate for every reject
@@ -76,6 +77,9 @@ struct PoseEstimate {
   Pose2 T_station_base;
   Eigen::Matrix3d covariance = Eigen::Matrix3d::Zero();  ///< [x y yaw] in the station frame, m and rad
   std::chrono::nanoseconds seen{0};                      ///< image time of the newest sighting that was fused
+  double castor_scrub = 0.0;                             ///< rad/m; see CastorConfig
+  double castor_scrub_sigma = 0.0;
+  double held_back = 0.0;  ///< turn that the castors give back when the robot drives straight on [rad]
 };
 
 /// What became of a sighting.
@@ -100,7 +104,8 @@ struct FilterUpdate {
   double distance2 = 0.0;                  ///< squared Mahalanobis distance from the estimate at image time; 0 without
 };
 
-/// Odometry and sightings -> pose of the axle in the station frame: an extended Kalman filter over x, y and yaw.
+/// Odometry and sightings -> pose of the axle in the station frame: an extended Kalman filter over x, y, yaw and the
+/// castors' scrub, which turns the robot where odometry does not see it.
 /// A sighting acts at its image time: the filter goes back to the reading before the stamp, updates there and
 /// repeats the odometry since (so latency, once stamped, moves nothing). Method: notes on docking, 4.6 and 8; the
 /// tables there shift the measurement forward instead, which neglects the drift since the image.
@@ -131,8 +136,11 @@ class PoseFilter {
  private:
   struct State {
     Odometry reading;
-    Pose2 T_station_base;                                  ///< only with an estimate
-    Eigen::Matrix3d covariance = Eigen::Matrix3d::Zero();  ///< only with an estimate
+    CastorAngles castors;
+    // Only with an estimate:
+    Pose2 T_station_base;
+    double scrub = 0.0;                                    ///< of the castors [rad/m]
+    Eigen::Matrix4d covariance = Eigen::Matrix4d::Zero();  ///< [x y yaw scrub]
   };
   struct Candidate {
     PlanarSighting sighting;
@@ -144,11 +152,14 @@ class PoseFilter {
   [[nodiscard]] std::optional<std::size_t> state_before(std::chrono::nanoseconds time) const;
   [[nodiscard]] State state_at(std::size_t before, std::chrono::nanoseconds time) const;
   void propagate_from(std::size_t index);
+  [[nodiscard]] State moved_on(const State& before, const Pose2& motion) const;
 
   Rig rig_;
   PoseFilterConfig config_;
   std::deque<State> states_;  ///< oldest first
   bool has_estimate_ = false;
+  double scrub_;  ///< of the newest estimate, kept where it is lost: the robot and its floor stay
+  double scrub_variance_;
   Eigen::Matrix3d bias_covariance_ = Eigen::Matrix3d::Zero();  ///< of the newest fused sighting
   std::chrono::nanoseconds seen_{0};
   int rejects_ = 0;

@@ -137,7 +137,9 @@ TEST_CASE("a sighting acts at its image time: latency alone moves nothing") {
   const Pose2 start{-3.0, 0.3, -0.1};
   for (const int latency_ms : {0, 10, 80, 250, 1000}) {
     CAPTURE(latency_ms);
-    PoseFilter filter(rig, {});
+    PoseFilterConfig no_castors;
+    no_castors.castors.front = no_castors.castors.rear = 0.0;
+    PoseFilter filter(rig, no_castors);
     nanoseconds time = acquire(filter, start);
     const nanoseconds begin = time;
     const Twist2 velocity{0.2, 0.15};
