@@ -225,7 +225,7 @@ std::optional<Fix> taught_pose(const RunSettings& settings, std::uint64_t seed) 
   start.heading = dock.yaw - start.bearing;
   start.range_sigma = start.bearing_sigma = start.bearing_spread = start.heading_sigma = start.heading_spread =
       start.castor_sigma = 0.0;
-  before.scenario.station.board_moved = {};
+  before.scenario.station.moved = {};
   Run run(before, seed);
   PoseFilter filter(settings.config.rig, settings.config.docking.filter);
   const std::vector<PlanarSighting> seen = look_at_standstill(run, filter, count);

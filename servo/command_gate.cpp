@@ -177,7 +177,8 @@ GateResult CommandGate::pass(const Twist2& wanted, const GateInputs& inputs) {
     if (!time) {
       return {{}, GateAction::held, board ? "the board was not seen yet" : "there was no frame yet", std::nullopt};
     }
-    const std::chrono::nanoseconds age = inputs.now - *time - config_.declared_latency;
+    const std::chrono::nanoseconds age =
+        inputs.now - *time - inputs.declared_latency.value_or(config_.declared_latency);
     if (age > config_.hold_age) {
       return {{},
               GateAction::held,

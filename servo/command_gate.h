@@ -90,6 +90,7 @@ struct GateInputs {
   std::optional<std::chrono::nanoseconds> frame_time;     ///< mid-exposure of the newest frame
   std::optional<std::chrono::nanoseconds> sighting_time;  ///< mid-exposure of the newest frame that was of use
   FrameNeed need = FrameNeed::sightings;
+  std::optional<std::chrono::nanoseconds> declared_latency;  ///< as measured; without, the configuration's
 };
 
 /// What the gate did to a command.

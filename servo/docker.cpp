@@ -8,6 +8,8 @@
 namespace tagdock {
 namespace {
 
+constexpr std::size_t enough_ages = 5;  // to know the latency
+
 double seconds(std::chrono::nanoseconds time) { return std::chrono::duration<double>(time).count(); }
 
 DockingConfig with_rig(const Rig& rig, DockingConfig config) {
@@ -22,7 +24,8 @@ Docker::Docker(const Rig& rig, const DockingConfig& config)
     : config_(with_rig(rig, config)),
       filter_(rig, config.filter),
       gate_(config.gate),
-      phase_(first_phase(std::chrono::nanoseconds(0))) {}
+      phase_(first_phase(std::chrono::nanoseconds(0))),
+      declared_latency_(config.gate.declared_latency) {}
 
 std::optional<Eigen::Isometry3d> Docker::predicted_view(std::chrono::nanoseconds time) const {
   return filter_.predicted_view(time);
@@ -68,6 +71,14 @@ void Docker::take_sighting(const Tick& tick, TickResult& result) {
   constexpr std::size_t remembered = 10;
   arrival_ages_.push_back(tick.now - *time);
   if (arrival_ages_.size() > remembered) arrival_ages_.pop_front();
+  // A camera that always takes its time is no late camera: the filter works at image time. Only what comes on top while
+  // the robot drives counts as age. More than this over what was declared is refused (step_acquiring).
+  if (std::holds_alternative<Acquiring>(phase_) && arrival_ages_.size() >= enough_ages) {
+    const auto measured = *std::min_element(arrival_ages_.begin(), arrival_ages_.end());
+    if (measured <= config_.gate.declared_latency + config_.gate.hold_age) {
+      declared_latency_ = std::max(declared_latency_, measured);
+    }
+  }
 
   if (board != nullptr) {
     result.sighting = filter_.update(*board);
@@ -114,8 +125,8 @@ Inputs Docker::inputs_of(const Tick& tick, const TickResult& result) const {
   inputs.sighting = result.sighting;
   if (tick.sighting && std::holds_alternative<Unseen>(*tick.sighting)) inputs.unseen = std::get<Unseen>(*tick.sighting);
   if (frame_time_) inputs.frame_age = tick.now - *frame_time_;
-  constexpr std::size_t enough = 5;
-  if (arrival_ages_.size() >= enough) {
+  inputs.declared_latency = declared_latency_;
+  if (arrival_ages_.size() >= enough_ages) {
     inputs.latency = *std::min_element(arrival_ages_.begin(), arrival_ages_.end());
   }
   inputs.camera = tick.camera;
@@ -173,6 +184,7 @@ TickResult Docker::tick(const Tick& tick) {
   gate.frame_time = frame_time_;
   gate.sighting_time = sighting_time_;
   gate.need = frame_need(phase_);
+  gate.declared_latency = declared_latency_;
   const GateResult passed = gate_.pass(wanted, gate);
   result.command = passed.command;
   result.gate = passed.action;

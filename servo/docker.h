@@ -80,6 +80,7 @@ class Docker {
   std::optional<std::chrono::nanoseconds> odometry_arrived_;
   std::optional<std::chrono::nanoseconds> frame_time_;
   std::optional<std::chrono::nanoseconds> sighting_time_;
+  std::chrono::nanoseconds declared_latency_;          ///< of the configuration, or as measured standing
   std::deque<std::chrono::nanoseconds> arrival_ages_;  ///< of the last frames
   bool tags_dirty_told_ = false;
   std::deque<bool> seen_lately_;  ///< of the last frames: was the board in it

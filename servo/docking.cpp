@@ -121,9 +121,9 @@ Step timed_out(const Active& now, const Inputs& inputs, const DockingConfig& con
 
 // ------------------------------------------------------------------------------------------------------- acquiring
 
-bool sees_board(const Inputs& inputs, const DockingConfig& config) {
+bool sees_board(const Inputs& inputs) {
   constexpr Time recent = std::chrono::milliseconds(500);
-  return inputs.view && inputs.sighting_age && *inputs.sighting_age < recent + config.gate.declared_latency;
+  return inputs.view && inputs.sighting_age && *inputs.sighting_age < recent + inputs.declared_latency;
 }
 
 Reason unseen_reason(const Acquiring& now, const Inputs& inputs) {
@@ -179,15 +179,15 @@ Step step_acquiring(const Acquiring& before, const Inputs& inputs, const Docking
     return failed(now.job, {Cause::timed_out, text("the board could not be centred and measured within %.0f s",
                                                    seconds(config.acquire.timeout))});
   }
-  if (inputs.latency && *inputs.latency > config.gate.declared_latency + config.gate.hold_age) {
+  if (inputs.latency && *inputs.latency > inputs.declared_latency + config.gate.hold_age) {
     return failed(now.job,
                   {Cause::camera_slow,
                    text("frames are %.0f ms old when they arrive, but the rig declares %.0f ms; declare the latency or "
                         "cure it",
-                        1e3 * seconds(*inputs.latency), 1e3 * seconds(config.gate.declared_latency))});
+                        1e3 * seconds(*inputs.latency), 1e3 * seconds(inputs.declared_latency))});
   }
 
-  const bool seen = sees_board(inputs, config);
+  const bool seen = sees_board(inputs);
   switch (now.stage) {
     case Acquiring::Stage::looking:
       if (seen) return enter(now.job.turn_allowed ? Acquiring::Stage::centering : Acquiring::Stage::standing);
@@ -453,9 +453,9 @@ Step step_servoing(const Servoing& before, const Inputs& inputs, const DockingCo
     return to_fix(now, inputs);
   }
   if (inputs.now - now.since > config.servo.timeout) return timed_out(now, inputs, config);
-  const Time unseen = inputs.sighting_age.value_or(inputs.now - now.since) - config.gate.declared_latency;
+  const Time unseen = inputs.sighting_age.value_or(inputs.now - now.since) - inputs.declared_latency;
   if (unseen > config.gate.back_off_age) {
-    const bool no_frames = inputs.frame_age && *inputs.frame_age - config.gate.declared_latency > config.gate.hold_age;
+    const bool no_frames = inputs.frame_age && *inputs.frame_age - inputs.declared_latency > config.gate.hold_age;
     return next_attempt(now.job,
                         {no_frames ? Cause::camera_lost : Cause::tag_lost,
                          text(no_frames ? "no frame from the camera for %.1f s on the line"
@@ -593,7 +593,7 @@ std::optional<Step> interrupted(const Active& now, const Inputs& inputs, const D
     if (inputs.request == Request::pause) {
       return Step{Paused{now.job, inputs.now, name(Phase(now))}, {}, "paused by the operator"};
     }
-    const Time age = inputs.frame_age ? *inputs.frame_age - config.gate.declared_latency : inputs.now - now.since;
+    const Time age = inputs.frame_age ? *inputs.frame_age - inputs.declared_latency : inputs.now - now.since;
     if (age > config.gate.give_up_age) {
       const std::string why = inputs.camera_sentence.empty() ? std::string() : ": " + inputs.camera_sentence;
       return failed(now.job,

@@ -170,6 +170,7 @@ struct Inputs {
   std::optional<std::chrono::nanoseconds> frame_age;     ///< of the newest frame; none before the first
   std::optional<std::chrono::nanoseconds> sighting_age;  ///< of the newest sighting; none before the first
   std::optional<std::chrono::nanoseconds> latency;       ///< least age on arrival of the last frames
+  std::chrono::nanoseconds declared_latency{0};          ///< that is expected; ages count from there
   CameraState camera = CameraState::streaming;
   std::string camera_sentence;  ///< why it is lost
   Request request = Request::none;

@@ -109,9 +109,9 @@ std::vector<Key> keys_of(Scenario& scenario) {
       {"residuals", "tag_angle_sigma_deg", &residuals.tag_angle_sigma, 0.0, 5.0, degree},
       {"residuals", "camera_bump_deg", &residuals.camera_bump, -10.0, 10.0, degree},
 
-      {"station", "board_moved_x_mm", &station.board_moved.x, -500.0, 500.0, mm},
-      {"station", "board_moved_y_mm", &station.board_moved.y, -500.0, 500.0, mm},
-      {"station", "board_moved_yaw_deg", &station.board_moved.yaw, -30.0, 30.0, degree},
+      {"station", "moved_x_mm", &station.moved.x, -500.0, 500.0, mm},
+      {"station", "moved_y_mm", &station.moved.y, -500.0, 500.0, mm},
+      {"station", "moved_yaw_deg", &station.moved.yaw, -30.0, 30.0, degree},
       {"station", "lamp_strength", &station.lamp_strength, 0.0, 1000.0},
       {"station", "ambient", &station.ambient, 0.0, 100.0},
       {"station", "light_change", &station.light_change, 0.0, 100.0},

@@ -120,7 +120,7 @@ struct Dirt {
 };
 
 struct StationScenario {
-  Pose2 board_moved;  ///< T_station_board since teach-in
+  Pose2 moved;  ///< of the dock with its board, since teach-in
   std::vector<Dirt> dirt;
   double lamp_strength = Lamp{}.strength;
   double ambient = Lamp{}.ambient;

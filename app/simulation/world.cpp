@@ -85,7 +85,7 @@ Rig true_rig(const Rig& calibrated, const ResidualScenario& residuals, std::uint
 Board true_board(const Board& surveyed, const ResidualScenario& residuals, const StationScenario& station,
                  std::uint64_t seed) {
   Draws draws(seed, board_purpose);
-  const Eigen::Isometry3d moved = in_space(station.board_moved);
+  const Eigen::Isometry3d moved = in_space(station.moved);
   Board board = surveyed;
   for (BoardTag& tag : board.tags)
     tag.T_station_tag =
@@ -182,7 +182,8 @@ Pose2 World::T_station_camera_point() const {
 
 Pose2 World::docking_error(const Pose2& docking_pose) const {
   const Pose2 reached = T_station_camera_point();
-  return {reached.x - docking_pose.x, reached.y - docking_pose.y, wrap_angle(reached.yaw - docking_pose.yaw)};
+  const Pose2 wanted = scenario_.station.moved * docking_pose;
+  return {reached.x - wanted.x, reached.y - wanted.y, wrap_angle(reached.yaw - wanted.yaw)};
 }
 
 }  // namespace tagdock

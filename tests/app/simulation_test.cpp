@@ -116,7 +116,7 @@ TEST_CASE("instruments differ from their files as far as the scenario says") {
   CHECK(std::atan2(axis.y(), axis.x()) == Approx(radians(0.2)).margin(1e-12));
 
   StationScenario moved;
-  moved.board_moved = {0.0, 0.02, 0.0};
+  moved.moved = {0.0, 0.02, 0.0};
   const Board truth = true_board(board, true_to_its_files().residuals, moved, 1);
   for (const BoardTag& tag : board.tags) {
     const Eigen::Vector3d shift =

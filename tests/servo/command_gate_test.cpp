@@ -13,7 +13,7 @@ using std::chrono::nanoseconds;
 namespace {
 
 GateInputs fresh(nanoseconds now, double wheel_speed = 0.0) {
-  return {now, now, wheel_speed, now - milliseconds(80), now - milliseconds(80), FrameNeed::sightings};
+  return {now, now, wheel_speed, now - milliseconds(80), now - milliseconds(80), FrameNeed::sightings, std::nullopt};
 }
 
 // Ramped up to a speed with everything fresh.

@@ -160,7 +160,7 @@ TEST_CASE("where the start leaves room the castors get a straight run first") {
   CHECK(name(outcome.phase) == "docked");
 }
 
-TEST_CASE("a latency of 250 ms that is declared docks; undeclared it is refused by name") {
+TEST_CASE("a latency of 250 ms docks, declared or measured at standstill; one of 400 ms is refused by name") {
   WorldConfig physics;
   physics.latency = milliseconds(250);
   DockingConfig declared = test_config();
@@ -169,6 +169,10 @@ TEST_CASE("a latency of 250 ms that is declared docks; undeclared it is refused 
   INFO(story(docks));
   check_promises(docks, declared);
   CHECK(name(docks.phase) == "docked");
+  const Outcome measured = docking(14, {}, test_config(), physics);
+  INFO(story(measured));
+  check_promises(measured, test_config());
+  CHECK(name(measured.phase) == "docked");
 
   physics.latency = milliseconds(400);
   const Outcome refused = docking(14, {}, test_config(), physics);
