@@ -55,7 +55,8 @@ Pose2 steered_by(const PoseEstimate& estimate) {
 // The line law, no stiffer than the castors bear.
 LineLawConfig law_for(const PoseEstimate& estimate, const DockingConfig& config) {
   LineLawConfig law = config.line;
-  law.length = std::max(law.length, config.lengths_per_lag * heading_lag(estimate.castor_scrub, config.filter.castors));
+  law.lag = heading_lag(estimate.castor_scrub, config.filter.castors);
+  law.length = std::max(law.length, config.lengths_per_lag * law.lag);
   law.slow_length = std::max(law.slow_length, law.length);
   return law;
 }
@@ -281,12 +282,12 @@ struct EntryCheck {
 EntryCheck entry_check(const Job& job, const PoseEstimate& estimate, const DockingConfig& config) {
   const double share = job.attempts > 1 ? config.entry.retry_share : 1.0;
   const Pose2 T_goal_base = between(goal_of_axle(config), steered_by(estimate));
-  const double length = law_for(estimate, config).length;
+  const LineLawConfig law = law_for(estimate, config);
   const double rest = -T_goal_base.x;
   const double heading = wrap_angle(T_goal_base.yaw);
-  const double left = lateral_left(T_goal_base.y, heading, std::max(0.0, rest), length);
+  const double left = lateral_left(T_goal_base.y, heading, std::max(0.0, rest), law.length, law.lag);
   // Beyond this lateral error the heading limit holds the law back, and the estimate of what is left is too good.
-  const double linear = 2.0 * length * std::tan(2.0 * config.line.min_heading);
+  const double linear = (2.0 * law.length + law.lag) * std::tan(2.0 * config.line.min_heading);
   const bool good = rest > 0.0 && std::abs(left) < share * config.entry.lateral_left &&
                     std::abs(T_goal_base.y) < linear && std::abs(heading) < share * config.entry.max_heading;
   return {good, text("%.2f m to go, %+.1f mm beside the line, %+.2f deg", rest, 1e3 * T_goal_base.y, degrees(heading))};
@@ -347,8 +348,9 @@ std::optional<Step> planned(const Validating& now, const Inputs& inputs, const D
     following.blind = blind;
     return Step{following, {}, reason};
   };
-  constexpr double nearer = 0.1;  // m, between the entries that are tried
-  const double wanted = std::max(config.entry.run_in, 4.0 * law_for(*inputs.estimate, config).length);
+  constexpr double nearer = 0.1;          // m, between the entries that are tried
+  constexpr double run_in_lengths = 4.0;  // of the law; after as many less than 10 % of an error are left
+  const double wanted = std::max(config.entry.run_in, run_in_lengths * law_for(*inputs.estimate, config).length);
   for (double run_in = wanted; run_in > config.entry.min_run_in - 1e-9; run_in -= nearer) {
     const std::variant<Path, std::string> answer = path_to(start, goal * Pose2{-run_in, 0.0, 0.0}, false, config);
     if (const Path* path = std::get_if<Path>(&answer)) {
@@ -418,7 +420,7 @@ Step step_following(const Following& before, const Inputs& inputs, const Docking
   if (inputs.now - now.since > limit) return timed_out(now, inputs, config);
 
   OdometryControllerConfig controller = config.segments;
-  if (!now.blind) controller.end_speed = 0.05;  // m/s; the line law takes over in motion
+  if (!now.blind) controller.end_speed = config.line.max_speed;  // the line law takes over in motion
   const Pose2 by_odometry = now.T_station_odom * inputs.odometry.T_odom_base;
   const Pose2 pose = config.fuse_in_segments ? steered_by(*inputs.estimate) : by_odometry;
   if (config.fuse_in_segments) {
@@ -481,7 +483,7 @@ Step step_servoing(const Servoing& before, const Inputs& inputs, const DockingCo
     return {now, centering.value_or(Twist2{}), {}};
   }
 
-  const double left = lateral_left(line.lateral, line.heading, std::max(0.0, line.remaining), law.length);
+  const double left = lateral_left(line.lateral, line.heading, std::max(0.0, line.remaining), law.length, law.lag);
   if (std::abs(left) > config.servo.max_left) {
     return next_attempt(now.job,
                         {Cause::drifted, text("%+.1f mm beside the line with %.2f m to go, %+.1f mm would be left",
