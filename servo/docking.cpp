@@ -61,6 +61,12 @@ LineLawConfig law_for(const PoseEstimate& estimate, const DockingConfig& config)
   return law;
 }
 
+// What unequal wheels would turn the robot by is taken back before it happens.
+Twist2 against_pull(Twist2 command, const PoseEstimate& estimate) {
+  command.angular -= estimate.pull * command.linear;
+  return command;
+}
+
 bool is_still(const Odometry& odometry) {
   constexpr double still_speed = 0.002;      // m/s
   constexpr double still_turn_rate = 0.003;  // rad/s
@@ -432,7 +438,8 @@ Step step_following(const Following& before, const Inputs& inputs, const Docking
   now.follow = driven.next;
   constexpr double hand_over = 0.010;  // m before the end
   if (!now.blind && driven.remaining < hand_over) return to_servo(now, inputs, config);
-  if (!driven.arrived) return {now, driven.command, {}};
+  if (!driven.arrived)
+    return {now, config.fuse_in_segments ? against_pull(driven.command, *inputs.estimate) : driven.command, {}};
   // A blind entry was planned to end here: the back-off belongs to the same attempt.
   return {BackingOff{now.job, inputs.now, std::nullopt}, {}, "end of the path"};
 }
@@ -505,7 +512,7 @@ Step step_servoing(const Servoing& before, const Inputs& inputs, const DockingCo
     now.swing = {};
   }
   if (line.reached) now.reached = inputs.now;
-  return {now, line.command, {}};
+  return {now, against_pull(line.command, *inputs.estimate), {}};
 }
 
 // ---------------------------------------------------------------------------------------------------------- fixing
@@ -556,7 +563,7 @@ Step step_backing_off(const BackingOff& before, const Inputs& inputs, const Dock
         back_along_line(line_target(now.job, config), inputs.estimate->T_station_base, config.back_off.camera_distance,
                         inputs.last_command, inputs.odometry.velocity.linear, inputs.step, config.line);
     if (line.reached) now.reached = inputs.now;
-    return {now, line.command, {}};
+    return {now, against_pull(line.command, *inputs.estimate), {}};
   }
   if (inputs.now - *now.reached < config.back_off.rest) return {now, {}, {}};
   Acquiring acquiring;
@@ -772,8 +779,11 @@ std::optional<Fix> fix_from(std::span<const PlanarSighting> sightings, const Doc
     fix.chi2 += error.dot(covariances[i].ldlt().solve(error));
   }
   if (sightings.size() > 1) fix.chi2 /= 3.0 * (count - 1.0);
-  // Sightings that scatter more than their covariance says are believed less.
-  const double scatter = std::max(1.0, fix.chi2);
+  // What sightings at standstill scatter by is measured here; their own covariance is a claim, which a misfit widens by
+  // more than it makes them scatter. Few sightings measure too little to go below the claim.
+  constexpr double enough = 20.0;
+  const double values = 3.0 * (count - 1.0);
+  const double scatter = values < enough ? std::max(1.0, fix.chi2) : fix.chi2 * values / (values - 2.0);
   const double position = config.fix.calibration_position * config.fix.calibration_position;
   const double turn = config.fix.calibration_yaw * config.fix.calibration_yaw;
   fix.covariance = scatter * information.inverse();
