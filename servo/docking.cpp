@@ -97,6 +97,11 @@ Step next_attempt(const Job& job, const Reason& reason, const Inputs& inputs, co
     } else if (!inputs.estimate) {
       first.sentence += "; no second attempt, since the robot does not know where it is";
     }
+    if (config.back_off.safe_pose && inputs.estimate) {
+      next.giving_up = first;
+      next.turn_allowed = false;
+      return {BackingOff{next, inputs.now, std::nullopt}, {}, first.sentence};
+    }
     return failed(next, std::move(first), std::move(fix));
   }
   ++next.attempts;
@@ -162,7 +167,21 @@ std::optional<Path> run_in_path(const Job& job, const Inputs& inputs, const Dock
   return Path{inputs.odometry.T_odom_base, {{config.run_in.distance, 0.0, 0.0}}};
 }
 
+// At the dock and asked to leave it.
+Step leave(const Acquiring& now, const Inputs& inputs, const DockingConfig& config, const std::string& found) {
+  const Pose2 error = between(config.dock_pose, inputs.estimate->T_station_base * camera_point(config.rig));
+  if (std::hypot(error.x, error.y) < config.undock.near && std::abs(wrap_angle(error.yaw)) < config.undock.near_yaw) {
+    Job job = now.job;
+    job.turn_allowed = false;
+    return {Undocking{job, inputs.now, std::nullopt}, {}, found};
+  }
+  return failed(now.job, {Cause::not_docked, text("the robot does not stand at the dock: %+.2f m ahead, %+.2f m to the "
+                                                  "left and %+.1f degrees off",
+                                                  error.x, error.y, degrees(wrap_angle(error.yaw)))});
+}
+
 Step acquired(const Acquiring& now, const Inputs& inputs, const DockingConfig& config, const std::string& found) {
+  if (config.errand == Errand::undock) return leave(now, inputs, config, found);
   if (const std::optional<Path> path = run_in_path(now.job, inputs, config)) {
     Job job = now.job;
     job.ran_in = true;
@@ -517,6 +536,21 @@ Step step_servoing(const Servoing& before, const Inputs& inputs, const DockingCo
 
 // ---------------------------------------------------------------------------------------------------------- fixing
 
+// What is different about the board since the docking pose was taught, if anything.
+std::optional<std::string> changed_hang(const BoardHang& hang, const DockingConfig& config) {
+  if (!config.taught_hang) return std::nullopt;
+  // The robot sees itself lifted by what the board has sunk.
+  const double lowered = hang.camera_height - config.taught_hang->camera_height;
+  const double roll = hang.roll - config.taught_hang->roll;
+  const double pitch = hang.pitch - config.taught_hang->pitch;
+  if (std::abs(lowered) <= config.hang_limits.height && std::hypot(roll, pitch) <= config.hang_limits.tilt)
+    return std::nullopt;
+  return text(
+      "the board hangs %+.1f mm higher and turned by %+.2f, %+.2f degrees (roll, pitch) against when the docking "
+      "pose was taught; has it been moved? put it back or teach again",
+      -1e3 * lowered, degrees(roll), degrees(pitch));
+}
+
 Step step_fixing(const Fixing& before, const Inputs& inputs, const DockingConfig& config) {
   Fixing now = before;
   if (!inputs.estimate) return acquire_again(now.job, inputs, config, "at the dock");
@@ -537,6 +571,8 @@ Step step_fixing(const Fixing& before, const Inputs& inputs, const DockingConfig
   if (static_cast<int>(now.sightings.size()) < config.fix.sightings) return {now, {}, {}};
 
   const std::optional<Fix> fix = fix_from(now.sightings, config);
+  if (const std::optional<std::string> change = changed_hang(fix->hang, config))
+    return failed(now.job, {Cause::dock_changed, *change}, fix);
   const Eigen::Vector3d sigma = fix->covariance.diagonal().cwiseSqrt();
   const std::string found =
       text("error x %+.2f mm, y %+.2f mm, yaw %+.3f deg (sigma %.2f, %.2f mm, %.3f deg)", 1e3 * fix->error.x,
@@ -556,8 +592,10 @@ Step step_fixing(const Fixing& before, const Inputs& inputs, const DockingConfig
 
 Step step_backing_off(const BackingOff& before, const Inputs& inputs, const DockingConfig& config) {
   BackingOff now = before;
+  const bool late = inputs.now - now.since > config.back_off.timeout;
+  if (now.job.giving_up && (now.reached || late || !inputs.estimate)) return failed(now.job, *now.job.giving_up);
   if (!inputs.estimate) return acquire_again(now.job, inputs, config, "in the back-off");
-  if (inputs.now - now.since > config.back_off.timeout) return timed_out(now, inputs, config);
+  if (late) return timed_out(now, inputs, config);
   if (!now.reached) {
     const LineCommand line =
         back_along_line(line_target(now.job, config), inputs.estimate->T_station_base, config.back_off.camera_distance,
@@ -571,6 +609,26 @@ Step step_backing_off(const BackingOff& before, const Inputs& inputs, const Dock
   acquiring.job.turn_allowed = false;
   acquiring.since = acquiring.stage_since = inputs.now;
   return {acquiring, {}, text("backed off to %.2f m", camera_distance(inputs.estimate->T_station_base, config))};
+}
+
+Step step_undocking(const Undocking& before, const Inputs& inputs, const DockingConfig& config) {
+  Undocking now = before;
+  if (!inputs.estimate)
+    return failed(now.job, {Cause::pose_uncertain, "the sightings did not fit odometry any more while undocking"});
+  if (inputs.now - now.since > config.undock.timeout)
+    return failed(now.job,
+                  {Cause::timed_out, text("undocking took longer than %.0f s", seconds(config.undock.timeout))});
+  if (now.reached) {
+    if (inputs.now - *now.reached < config.back_off.rest || !is_still(inputs.odometry)) return {now, {}, {}};
+    return {Undocked{now.job},
+            {},
+            text("%.2f m before the board", camera_distance(inputs.estimate->T_station_base, config))};
+  }
+  const LineCommand line =
+      back_along_line(line_target(now.job, config), inputs.estimate->T_station_base, config.undock.camera_distance,
+                      inputs.last_command, inputs.odometry.velocity.linear, inputs.step, config.line);
+  if (line.reached) now.reached = inputs.now;
+  return {now, against_pull(line.command, *inputs.estimate), {}};
 }
 
 Step step_paused(const Paused& now, const Inputs& inputs, const DockingConfig& config) {
@@ -589,8 +647,8 @@ Step step_paused(const Paused& now, const Inputs& inputs, const DockingConfig& c
 // What holds in every phase that is under way.
 template <typename Active>
 std::optional<Step> interrupted(const Active& now, const Inputs& inputs, const DockingConfig& config) {
-  constexpr bool over =
-      std::is_same_v<Active, Docked> || std::is_same_v<Active, Failed> || std::is_same_v<Active, Stopped>;
+  constexpr bool over = std::is_same_v<Active, Docked> || std::is_same_v<Active, Undocked> ||
+                        std::is_same_v<Active, Failed> || std::is_same_v<Active, Stopped>;
   if (inputs.request == Request::stop) {
     const Reason reason{Cause::stopped_by_person, "stopped by the operator or the guard"};
     return Step{Stopped{now.job, reason}, {}, reason.sentence};
@@ -648,6 +706,9 @@ void check(const DockingConfig& config) {
   require(config.fix.tolerance_x > 0.0 && config.fix.tolerance_y > 0.0 && config.fix.tolerance_yaw > 0.0,
           "the tolerances of fix must be above 0");
   require(config.back_off.retries >= 0, "back_off.retries must not be negative");
+  require(config.undock.camera_distance > -config.dock_pose.x,
+          text("undock.camera_distance is %g m; it must be farther than the dock, %g m", config.undock.camera_distance,
+               -config.dock_pose.x));
   require(config.back_off.camera_distance > -config.dock_pose.x,
           text("back_off.camera_distance is %g m; it must be farther than the dock, %g m",
                config.back_off.camera_distance, -config.dock_pose.x));
@@ -671,8 +732,10 @@ std::string_view name(const Phase& phase) {
     std::string_view operator()(const Servoing&) const { return "servoing"; }
     std::string_view operator()(const Fixing&) const { return "fixing"; }
     std::string_view operator()(const BackingOff&) const { return "backing off"; }
+    std::string_view operator()(const Undocking&) const { return "undocking"; }
     std::string_view operator()(const Paused&) const { return "paused"; }
     std::string_view operator()(const Docked&) const { return "docked"; }
+    std::string_view operator()(const Undocked&) const { return "undocked"; }
     std::string_view operator()(const Failed&) const { return "failed"; }
     std::string_view operator()(const Stopped&) const { return "stopped"; }
   };
@@ -684,8 +747,8 @@ const Job& job_of(const Phase& phase) {
 }
 
 bool is_over(const Phase& phase) {
-  return std::holds_alternative<Docked>(phase) || std::holds_alternative<Failed>(phase) ||
-         std::holds_alternative<Stopped>(phase);
+  return std::holds_alternative<Docked>(phase) || std::holds_alternative<Undocked>(phase) ||
+         std::holds_alternative<Failed>(phase) || std::holds_alternative<Stopped>(phase);
 }
 
 std::optional<Reason> reason_of(const Phase& phase) {
@@ -700,20 +763,23 @@ FrameNeed frame_need(const Phase& phase) {
     return acquiring->stage == Acquiring::Stage::centering ? FrameNeed::sightings : FrameNeed::frames;
   }
   // Backwards over the ground that was just driven, away from the station: by odometry alone if need be.
-  return std::holds_alternative<BackingOff>(phase) ? FrameNeed::none : FrameNeed::frames;
+  const bool back = std::holds_alternative<BackingOff>(phase) || std::holds_alternative<Undocking>(phase);
+  return back ? FrameNeed::none : FrameNeed::frames;
 }
 
-Phase first_phase(std::chrono::nanoseconds now) {
+Phase first_phase(Errand errand, std::chrono::nanoseconds now) {
   Acquiring acquiring;
+  acquiring.job.turn_allowed = errand == Errand::dock;  // not between the station's walls
   acquiring.since = acquiring.stage_since = now;
   return acquiring;
 }
 
 std::span<const Transition> transitions() {
-  static constexpr std::array<Transition, 30> table = {{
+  static constexpr std::array<Transition, 33> table = {{
       {"acquiring", "castor run-in", "measured, with room ahead"},
       {"acquiring", "validating", "measured"},
-      {"acquiring", "failed", "not seen, uncertain, camera slow or timed out"},
+      {"acquiring", "undocking", "at the dock, asked to leave it"},
+      {"acquiring", "failed", "not seen, uncertain, not docked, camera slow or timed out"},
       {"castor run-in", "acquiring", "driven"},
       {"castor run-in", "backing off", "timed out"},
       {"castor run-in", "failed", "timed out"},
@@ -734,9 +800,11 @@ std::span<const Transition> transitions() {
       {"fixing", "docked", "inside tolerance"},
       {"fixing", "backing off", "outside tolerance or not seen"},
       {"fixing", "acquiring", "estimate lost"},
-      {"fixing", "failed", "attempts used up"},
+      {"fixing", "failed", "attempts used up, or the board was moved"},
       {"backing off", "acquiring", "far enough, or estimate lost"},
-      {"backing off", "failed", "attempts used up"},
+      {"backing off", "failed", "attempts used up; at the safe pose"},
+      {"undocking", "undocked", "far enough"},
+      {"undocking", "failed", "estimate lost or timed out"},
       {"paused", "acquiring", "resumed"},
       {"any", "paused", "asked to"},
       {"any", "failed", "cancelled or camera lost"},
@@ -757,6 +825,7 @@ std::optional<Fix> fix_from(std::span<const PlanarSighting> sightings, const Doc
   Eigen::Matrix3d information = Eigen::Matrix3d::Zero();
   Eigen::Vector3d weighted = Eigen::Vector3d::Zero();
   Eigen::Matrix3d bias = Eigen::Matrix3d::Zero();
+  Eigen::Matrix3d by_pixel = Eigen::Matrix3d::Zero();
   for (const PlanarSighting& sighting : sightings) {
     const Pose2 point = sighting.T_station_base * ahead;
     const double yaw = sighting.T_station_base.yaw;
@@ -766,6 +835,7 @@ std::optional<Fix> fix_from(std::span<const PlanarSighting> sightings, const Doc
     points.emplace_back(point.x - about.x, point.y - about.y, wrap_angle(point.yaw - about.yaw));
     covariances.emplace_back(camera_by_base * sighting.covariance * camera_by_base.transpose());
     bias += camera_by_base * sighting.bias_covariance * camera_by_base.transpose() / count;
+    by_pixel += camera_by_base * sighting.covariance_per_px2 * camera_by_base.transpose() / count;
     const Eigen::Matrix3d inverse_covariance = covariances.back().inverse();
     information += inverse_covariance;
     weighted += inverse_covariance * points.back();
@@ -789,10 +859,19 @@ std::optional<Fix> fix_from(std::span<const PlanarSighting> sightings, const Doc
   fix.covariance = scatter * information.inverse();
   if (config.dock_pose_taught) {
     fix.covariance += config.dock_pose_covariance;
+    fix.covariance += config.fix.untaught_corner_px * config.fix.untaught_corner_px * by_pixel;
   } else {
     fix.covariance += bias;
     fix.covariance.diagonal() += Eigen::Vector3d(position, position, turn);
   }
+
+  Eigen::Vector3d up = Eigen::Vector3d::Zero();
+  for (const PlanarSighting& sighting : sightings) {
+    fix.hang.camera_height += sighting.camera_height / count;
+    up += sighting.up_station;
+  }
+  fix.hang.roll = -std::atan2(up.y(), up.z());
+  fix.hang.pitch = std::atan2(up.x(), up.z());
 
   const Pose2 point{about.x + mean.x(), about.y + mean.y(), about.yaw + mean.z()};
   fix.T_station_base = point * inverse(ahead);
@@ -825,8 +904,10 @@ Step step(const Phase& phase, const Inputs& inputs, const DockingConfig& config)
     Step operator()(const Servoing& now) const { return step_servoing(now, inputs, config); }
     Step operator()(const Fixing& now) const { return step_fixing(now, inputs, config); }
     Step operator()(const BackingOff& now) const { return step_backing_off(now, inputs, config); }
+    Step operator()(const Undocking& now) const { return step_undocking(now, inputs, config); }
     Step operator()(const Paused& now) const { return step_paused(now, inputs, config); }
     Step operator()(const Docked& now) const { return {now, {}, {}}; }
+    Step operator()(const Undocked& now) const { return {now, {}, {}}; }
     Step operator()(const Failed& now) const { return {now, {}, {}}; }
     Step operator()(const Stopped& now) const { return {now, {}, {}}; }
   };

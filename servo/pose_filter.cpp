@@ -128,6 +128,8 @@ PlanarSighting planar_sighting(const Rig& rig, std::chrono::nanoseconds time, co
   sighting.covariance = by_motion * covariance * by_motion.transpose();
   sighting.covariance = 0.5 * (sighting.covariance + sighting.covariance.transpose()).eval();
   sighting.bias_covariance = bias_share * sighting.covariance;
+  sighting.camera_height = camera_station.z();
+  sighting.up_station = R_station_camera * (rig.T_base_camera.linear().transpose() * Eigen::Vector3d::UnitZ());
   return sighting;
 }
 
@@ -260,7 +262,8 @@ FilterUpdate PoseFilter::update(const BoardSighting& seen) {
   const double declared = variance > 0.0 ? config_.corner_bias_px * config_.corner_bias_px / variance : 0.0;
   const double bias_share = std::max(declared, inflated - 1.0) / fresh;
   const Matrix6 covariance = fresh * by_noise;
-  const PlanarSighting sighting = planar_sighting(rig_, seen.time, seen.T_camera_station, covariance, bias_share);
+  PlanarSighting sighting = planar_sighting(rig_, seen.time, seen.T_camera_station, covariance, bias_share);
+  if (variance > 0.0) sighting.covariance_per_px2 = sighting.covariance / (fresh * variance);
   if (!is_finite(sighting.T_station_base) || !is_usable(sighting.covariance)) {
     return {SightingUse::invalid, std::nullopt, 0.0};
   }

@@ -32,6 +32,10 @@ struct PlanarSighting {
   Eigen::Matrix3d covariance = Eigen::Matrix3d::Zero();
   /// The same for what stays from frame to frame (corner bias); averaging does not take it out.
   Eigen::Matrix3d bias_covariance = Eigen::Matrix3d::Zero();
+  /// What independent errors of 1 px in every corner coordinate would make of it; zero where no tag says its sigma.
+  Eigen::Matrix3d covariance_per_px2 = Eigen::Matrix3d::Zero();
+  double camera_height = 0.0;                             ///< of the lens above the station's floor [m]
+  Eigen::Vector3d up_station = Eigen::Vector3d::UnitZ();  ///< the robot's up direction in the station frame
 };
 
 /// Reduces a pose of the camera before the station to the axle's pose on the floor. The camera's own place is taken
