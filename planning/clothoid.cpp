@@ -281,14 +281,20 @@ std::optional<ForwardPath> ForwardFamily::shortest(bool thorough) const {
   return found;
 }
 
-void write_path(const Pose2& start, const ForwardPath& forward, const TurnShape& shape, Path& path) {
+double ForwardFamily::lacking() const {
+  double most = -none;
+  scan([&](const Trial& trial) { most = std::max(most, trial.excess); });
+  return -most;
+}
+
+void write_path(const Pose2& start, const ForwardPath& forward, const TurnShape& shape, Path& path, int direction) {
   path.start = start;
   path.segments.clear();
-  append_straight(path.segments, forward.initial);
-  shape.append(path.segments, forward.first, 1);
-  append_straight(path.segments, forward.middle);
-  shape.append(path.segments, forward.second, 1);
-  append_straight(path.segments, forward.final);
+  append_straight(path.segments, direction * forward.initial);
+  shape.append(path.segments, direction * forward.first, direction);
+  append_straight(path.segments, direction * forward.middle);
+  shape.append(path.segments, direction * forward.second, direction);
+  append_straight(path.segments, direction * forward.final);
 }
 
 double heading_difference(double from, double to) {

@@ -46,6 +46,9 @@ class ForwardFamily {
   /// @param thorough  also look for windows of headings narrower than the scan; costs much where there is no path
   [[nodiscard]] std::optional<ForwardPath> shortest(bool thorough = true) const;
 
+  /// How much straight the best heading of the scan lacks for a path without a loop [m]; zero or less: it has a path.
+  [[nodiscard]] double lacking() const;
+
  private:
   struct Trial;
   struct Direction;
@@ -66,7 +69,9 @@ class ForwardFamily {
 };
 
 /// Write a forward path as segments, in place: no allocation when `path` already has room.
-void write_path(const Pose2& start, const ForwardPath& forward, const TurnShape& shape, Path& path);
+/// @param direction  +1; or -1 for the mirrored path, driven backwards: what leads to (x, y, yaw) in the start's frame
+///                   then leads to (-x, y, -yaw)
+void write_path(const Pose2& start, const ForwardPath& forward, const TurnShape& shape, Path& path, int direction = 1);
 
 /// Difference of two headings as an angle in (-pi, pi], exact to rounding however many whole turns they hold.
 double heading_difference(double from, double to);
