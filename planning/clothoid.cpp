@@ -42,7 +42,9 @@ ForwardFamily::ForwardFamily(const Pose2& goal, const TurnShape& shape, const St
       cos_half_goal_(std::cos(0.5 * goal.yaw)),
       sin_half_goal_(std::sin(0.5 * goal.yaw)),
       x_(goal.x - straights.initial - straights.final * cos_goal_),
-      y_(goal.y - straights.final * sin_goal_) {}
+      y_(goal.y - straights.final * sin_goal_),
+      longest_(detour_factor *
+               (std::hypot(goal.x, goal.y) + straights.initial + straights.final + 2.0 * shape.length(full_circle))) {}
 
 ForwardFamily::Trial ForwardFamily::attempt(const Direction& heading) const {
   Trial trial;
@@ -78,7 +80,7 @@ ForwardFamily::Trial ForwardFamily::attempt(const Direction& heading) const {
     const double a = one / determinant;
     const double b = other / determinant;
     trial.excess = std::max(trial.excess, std::min(a, b));
-    if (a < 0.0 || b < 0.0 || !(a + b < best)) return;
+    if (a < 0.0 || b < 0.0 || !(a + b < best) || a + b > longest_) return;
     best = a + b;
     trial.path = {straights_.initial, first, 0.0, second, straights_.final, 0.0};
     to_one += a;

@@ -31,7 +31,9 @@ struct Straights {
 /// With the middle heading given, both turns and so their chords are known, and the straights follow from two linear
 /// equations: every heading gives a path that ends exactly at the goal, so the heading is free to be chosen for
 /// length, softness or view, and how finely it is searched never touches the accuracy of the end pose.
-/// Of the three straights at most two are longer than they must be; the shortest such path is given.
+/// Of the three straights at most two are longer than they must be; the shortest such path is given. Where two of them
+/// are nearly parallel they meet far away: a way more than four times as long as the distance and two whole circles
+/// together is a detour that nobody means, and counts as none.
 class ForwardFamily {
  public:
   /// @param goal        the goal in the frame of the start pose; heading in (-pi, pi]
@@ -66,6 +68,7 @@ class ForwardFamily {
   double cos_goal_, sin_goal_;            // of the goal's heading
   double cos_half_goal_, sin_half_goal_;  // of half of it
   double x_, y_;                          // goal without the straights that must be
+  double longest_;                        // way that is not yet a detour
 };
 
 /// Write a forward path as segments, in place: no allocation when `path` already has room.

@@ -541,6 +541,9 @@ void rate(const Question& question, const std::optional<Driving>& manoeuvre, std
     if (changes == 0 && !both && !path.segments.empty() && (path.segments[0].length < 0.0) != question.reverse)
       say_against(question.reverse ? "driven forward" : "driven in reverse");
     if (!both && path.segments.size() > 3) say_against(std::to_string(path.segments.size()) + " segments");
+    double turned = 0.0;
+    for (const Segment& segment : path.segments) turned += std::abs(segment.turn());
+    if (!manoeuvre && turned > std::abs(question.seen.yaw) + std::numbers::pi) say_against("loops");
     double largest = 0.0;
     if (!manoeuvre && config.view && !keeps_view(path, *config.view, largest)) say_against("loses the tag");
     double jump = 0.0;

@@ -1,7 +1,10 @@
 // Times of the planner on docking starts and random poses. With OMPL (Debian: libompl-dev) installed, its Reeds-Shepp
-// distance is timed in the same process as the measure of the machine; nothing but this comparison needs it.
+// distance is timed in the same process, question by question in turn with ours, as the measure of the machine; nothing
+// but this comparison needs it.
 #include <algorithm>
+#include <chrono>
 #include <ctime>
+#include <limits>
 #include <random>
 #include <vector>
 
@@ -159,27 +162,95 @@ void full_docking_plan(benchmark::State& state) {
 }
 BENCHMARK(full_docking_plan)->Arg(0)->Arg(1);
 
+/// How long docking paths are against the shortest with jumps of curvature and without a loop, and how far arcs stray.
+void docking_lengths(benchmark::State& state) {
+  const TurnShape shape({1.25, 2.5});
+  std::vector<double> ratios;
+  for (auto _ : state) {
+    ratios.clear();
+    for (const Query& query : docking_queries()) {
+      const ForwardFamily family(goal_seen_from(query.start, query.goal), shape, {},
+                                 pose_resolution(query.start, query.goal));
+      const auto path = family.shortest();
+      if (!path) continue;
+      double least = std::numeric_limits<double>::infinity();
+      for (const ReedsSheppWord& word : reeds_shepp_words(query.start, query.goal, 1.25))
+        if (word.cusps() == 0 && word.lengths[0] >= 0.0 && word.lengths[1] >= 0.0 && word.lengths[2] >= 0.0)
+          least = std::min(least, word.length);
+      ratios.push_back(path->length / least);
+    }
+  }
+  std::sort(ratios.begin(), ratios.end());
+  state.counters["solved"] = static_cast<double>(ratios.size()) / static_cast<double>(queries);
+  state.counters["over_Dubins_p50"] = ratios[ratios.size() / 2];
+  state.counters["over_Dubins_p95"] = ratios[ratios.size() * 95 / 100];
+}
+BENCHMARK(docking_lengths)->Iterations(1);
+
 #ifdef TAGDOCK_BENCH_OMPL
-void ompl_reeds_shepp(benchmark::State& state) {
-  ompl::base::ReedsSheppStateSpace space(1.0);
-  ompl::base::State* from = space.allocState();
-  ompl::base::State* to = space.allocState();
+double nanoseconds() {
+  return static_cast<double>(
+      std::chrono::duration_cast<std::chrono::nanoseconds>(std::chrono::steady_clock::now().time_since_epoch())
+          .count());
+}
+
+double median(std::vector<double> values) {
+  std::nth_element(values.begin(), values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2), values.end());
+  return values[values.size() / 2];
+}
+
+/// Question by question, theirs and ours in turn, by the clock: what else the machine does meets both.
+void interleaved_with_ompl(benchmark::State& state) {
+  ompl::base::ReedsSheppStateSpace random_space(1.0);
+  ompl::base::ReedsSheppStateSpace docking_space(1.0 / 1.25);
+  ompl::base::State* from = random_space.allocState();
+  ompl::base::State* to = random_space.allocState();
   const auto set = [](ompl::base::State* into, const Pose2& pose) {
     auto* se2 = into->as<ompl::base::SE2StateSpace::StateType>();
     se2->setXY(pose.x, pose.y);
     se2->setYaw(pose.yaw);
   };
+  const TurnShape shape({1.25, 2.5});
+  const TurnShape arcs({1.25, 2.5}, 5);
+  Path path;
+  std::vector<double> theirs, words, theirs_docking, forward, forward_arcs;
+  const auto timed = [](std::vector<double>& into, const auto& work) {
+    const double begin = nanoseconds();
+    work();
+    into.push_back(nanoseconds() - begin);
+  };
   std::size_t i = 0;
+  const auto& solvable = solvable_queries();
   for (auto _ : state) {
-    const Query& query = random_queries()[i++ % queries];
+    const Query& query = random_queries()[i % queries];
+    const Query& docking = solvable[i % solvable.size()];
+    ++i;
     set(from, query.start);
     set(to, query.goal);
-    benchmark::DoNotOptimize(space.reedsShepp(from, to));
+    timed(theirs, [&] { benchmark::DoNotOptimize(random_space.reedsShepp(from, to)); });
+    timed(words, [&] { benchmark::DoNotOptimize(shortest_reeds_shepp(query.start, query.goal, 1.0)); });
+    set(from, docking.start);
+    set(to, docking.goal);
+    timed(theirs_docking, [&] { benchmark::DoNotOptimize(docking_space.reedsShepp(from, to)); });
+    const auto plan = [&](const TurnShape& turn) {
+      const ForwardFamily family(goal_seen_from(docking.start, docking.goal), turn, {0.0, 0.3},
+                                 pose_resolution(docking.start, docking.goal));
+      if (const auto found = family.shortest()) write_path(docking.start, *found, turn, path);
+      benchmark::DoNotOptimize(path);
+    };
+    timed(forward, [&] { plan(shape); });
+    timed(forward_arcs, [&] { plan(arcs); });
   }
-  space.freeState(from);
-  space.freeState(to);
+  random_space.freeState(from);
+  random_space.freeState(to);
+  state.counters["ompl_p50_ns"] = median(theirs);
+  state.counters["ompl_docking_p50_ns"] = median(theirs_docking);
+  state.counters["words/ompl"] = median(words) / median(theirs);
+  state.counters["forward/ompl"] = median(forward) / median(theirs);
+  state.counters["forward/ompl_docking"] = median(forward) / median(theirs_docking);
+  state.counters["arcs/ompl"] = median(forward_arcs) / median(theirs);
 }
-BENCHMARK(ompl_reeds_shepp);
+BENCHMARK(interleaved_with_ompl)->Iterations(40000);
 #endif
 
 }  // namespace
