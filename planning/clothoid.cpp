@@ -149,6 +149,58 @@ std::optional<ForwardPath> ForwardFamily::finished(const Trial& trial) const {
   return path;
 }
 
+/// The shortest path often has one free straight only, where the search stops a hair before: a straight of micrometres
+/// that nobody can drive. The heading at which it is gone is found by secants, to rounding; the path is kept as it is
+/// where that does not come out.
+ForwardPath ForwardFamily::tidied(const ForwardPath& path) const {
+  const std::array<double, 3> free = {path.initial - straights_.initial, path.middle, path.final - straights_.final};
+  const double tiny = 1e-3 * path.length;
+  std::size_t only = 3;
+  int tiny_ones = 0;
+  for (std::size_t i = 0; i < 3; ++i) {
+    if (free[i] > tiny)
+      only = only == 3 ? i : 4;
+    else if (free[i] > 0.0)
+      ++tiny_ones;
+  }
+  if (only > 2 || tiny_ones != 1) return path;
+  const double turns = path.first + path.second;
+  struct At {
+    double across, along;  // what is open to the goal, in the frame of the straight that stays
+  };
+  const auto open = [&](double first) {
+    const double second = turns - first;
+    const double chord_first = shape_.chord(first);
+    const double chord_second = shape_.chord(second);
+    const double x = x_ - chord_first * std::cos(0.5 * first) - chord_second * std::cos(first + 0.5 * second);
+    const double y = y_ - chord_first * std::sin(0.5 * first) - chord_second * std::sin(first + 0.5 * second);
+    const double heading = only == 0 ? 0.0 : only == 1 ? first : goal_.yaw;
+    const double c = std::cos(heading);
+    const double s = std::sin(heading);
+    return At{c * y - s * x, c * x + s * y};
+  };
+  const double enough =
+      2.0 * std::numeric_limits<double>::epsilon() * (std::abs(goal_.x) + std::abs(goal_.y) + path.length);
+  double first = path.first;
+  double before = path.first + 1e-7;
+  At now = open(first);
+  double across_before = open(before).across;
+  for (int i = 0; i < 12 && std::abs(now.across) > enough && now.across != across_before; ++i) {
+    const double next = first - now.across * (first - before) / (now.across - across_before);
+    if (!(std::abs(next - path.first) < 0.1)) return path;
+    before = first;
+    across_before = now.across;
+    first = next;
+    now = open(first);
+  }
+  ForwardPath tidy{straights_.initial, first, 0.0, turns - first, straights_.final, 0.0};
+  (only == 0 ? tidy.initial : only == 1 ? tidy.middle : tidy.final) += now.along;
+  tidy.length = tidy.initial + tidy.middle + tidy.final + shape_.length(tidy.first) + shape_.length(tidy.second);
+  // The search knows the shortest length to a millionth.
+  const bool fine = std::abs(now.across) <= enough && now.along > tiny && tidy.length <= path.length * (1.0 + 1e-6);
+  return fine ? tidy : path;
+}
+
 std::optional<ForwardPath> ForwardFamily::at(double heading) const {
   if (!(std::abs(heading) <= pi)) return std::nullopt;
   return finished(attempt(Direction::at(heading)));
@@ -240,7 +292,7 @@ std::optional<ForwardPath> ForwardFamily::shortest(bool thorough) const {
       if (best_beside.cost < shortest.cost) shortest = best_beside;
     }
   }
-  if (std::optional<ForwardPath> path = finished(shortest)) return path;
+  if (std::optional<ForwardPath> path = finished(shortest)) return tidied(*path);
   if (!thorough) return std::nullopt;
 
   // Nothing yet: look closer where the scan came nearest to a path, and ever closer around the start's and the goal's
@@ -248,7 +300,7 @@ std::optional<ForwardPath> ForwardFamily::shortest(bool thorough) const {
   std::optional<ForwardPath> found;
   const auto keep = [&](const std::optional<Trial>& trial) {
     if (!trial || (found && trial->cost >= found->length)) return;
-    if (const std::optional<ForwardPath> path = finished(*trial)) found = path;
+    if (const std::optional<ForwardPath> path = finished(*trial)) found = tidied(*path);
   };
   for (std::size_t i = 0; i < count; ++i) {
     const double before = i > 0 ? trials[i - 1].excess : -none;

@@ -56,6 +56,7 @@ class ForwardFamily {
   struct Direction;
   [[nodiscard]] Trial attempt(const Direction& heading) const;
   [[nodiscard]] std::optional<ForwardPath> finished(const Trial& trial) const;
+  [[nodiscard]] ForwardPath tidied(const ForwardPath& path) const;
   template <class Visit>
   void scan(const Visit& visit) const;
   [[nodiscard]] Trial shortest_between(double low, Trial middle, double high) const;
