@@ -56,10 +56,10 @@ class ForwardFamily {
   struct Direction;
   [[nodiscard]] Trial attempt(const Direction& heading) const;
   [[nodiscard]] std::optional<ForwardPath> finished(const Trial& trial) const;
-  [[nodiscard]] ForwardPath tidied(const ForwardPath& path) const;
+  [[nodiscard]] std::optional<ForwardPath> tidied(const ForwardPath& path) const;
   template <class Visit>
   void scan(const Visit& visit) const;
-  [[nodiscard]] Trial shortest_between(double low, Trial middle, double high) const;
+  [[nodiscard]] Trial shortest_between(double low, Trial middle, double high, double share) const;
   [[nodiscard]] std::optional<Trial> narrow_window(double low, Trial middle, double high) const;
 
   const TurnShape& shape_;
