@@ -786,8 +786,10 @@ const DockingPlanResult& DockingPlanner::plan(const Pose2& start, const Pose2& g
     if (chosen.path && question.write(*chosen.path, soft, plan.path, plan.period_length))
       wish = unfulfilled(config, plan.path, plan.largest_bearing);
   }
-  if (wish != Wish::none)
-    wish = acceptable_path(question, chosen.factor, shortest->length, most_softnesses, most_headings, plan);
+  if (wish != Wish::none) {
+    const Wish other = acceptable_path(question, chosen.factor, shortest->length, most_softnesses, most_headings, plan);
+    wish = std::max(wish, other);  // the scan may see no path at all where the window of headings is narrow
+  }
   switch (wish) {
     case Wish::none:
       measure(question, std::nullopt, plan);

@@ -162,7 +162,60 @@ void full_docking_plan(benchmark::State& state) {
 }
 BENCHMARK(full_docking_plan)->Arg(0)->Arg(1);
 
-/// How long docking paths are against the shortest with jumps of curvature and without a loop, and how far arcs stray.
+/// How far arcs stray from the clothoid path that they stand for.
+/// @param argument  arcs per ramp
+void arc_deviation(benchmark::State& state) {
+  DockingPlanConfig config;
+  config.limits = {1.25, 2.5};
+  config.softness = 0.0;
+  config.list_candidates = config.find_cures = false;
+  config.arc_wish = {static_cast<int>(state.range(0)), 0.0, 0.0};
+  std::vector<double> deviations;
+  std::size_t most = 0;
+  for (auto _ : state) {
+    for (const Query& query : solvable_queries()) {
+      config.arcs = false;
+      const DockingPlanResult smooth = plan_docking(query.start, query.goal, config);
+      config.arcs = true;
+      const DockingPlanResult arcs = plan_docking(query.start, query.goal, config);
+      if (!std::holds_alternative<DockingPlan>(smooth) || !std::holds_alternative<DockingPlan>(arcs)) continue;
+      const Path& path = std::get<DockingPlan>(arcs).path;
+      most = std::max(most, path.segments.size());
+      deviations.push_back(largest_deviation(path, std::get<DockingPlan>(smooth).path, 0.01));
+    }
+  }
+  std::sort(deviations.begin(), deviations.end());
+  state.counters["p50_um"] = 1e6 * deviations[deviations.size() / 2];
+  state.counters["p99_um"] = 1e6 * deviations[deviations.size() * 99 / 100];
+  state.counters["max_um"] = 1e6 * deviations.back();
+  state.counters["segments"] = static_cast<double>(most);
+}
+BENCHMARK(arc_deviation)->Arg(5)->Arg(10)->Iterations(1);
+
+/// How long continuous-curvature manoeuvres are against the Reeds-Shepp optimum.
+void manoeuvre_lengths(benchmark::State& state) {
+  const TurnShape shape({1.0, 1.0});
+  double sum = 0.0;
+  double worst = 0.0;
+  std::size_t count = 0;
+  for (auto _ : state) {
+    for (const Query& query : random_queries()) {
+      const auto found = shortest_manoeuvre(goal_seen_from(query.start, query.goal), shape, Driving::both,
+                                            pose_resolution(query.start, query.goal));
+      if (!found) continue;
+      const double ratio = found->length / shortest_reeds_shepp(query.start, query.goal, 1.0).length;
+      sum += ratio;
+      worst = std::max(worst, ratio);
+      ++count;
+    }
+  }
+  state.counters["mean_over_RS"] = sum / static_cast<double>(count);
+  state.counters["max_over_RS"] = worst;
+  state.counters["answered"] = static_cast<double>(count) / static_cast<double>(queries);
+}
+BENCHMARK(manoeuvre_lengths)->Iterations(1);
+
+/// How long docking paths are against the shortest with jumps of curvature and without a loop.
 void docking_lengths(benchmark::State& state) {
   const TurnShape shape({1.25, 2.5});
   std::vector<double> ratios;

@@ -2,7 +2,8 @@
 // integrating their segments in long double, from the text of the files alone.
 //   planning_campaign make N SEED > queries.csv
 //   tagdock plan --batch queries.csv --mode M --as A --final-straight L --output plans.csv
-//   planning_campaign check queries.csv plans.csv clothoids|arcs forward|both L
+//   planning_campaign check queries.csv plans.csv clothoids|arcs forward|both L [VIEW_DEG]
+// With VIEW_DEG (and --view-deg at the planner) the board 1 m ahead of each goal must be in view at every millimetre.
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
@@ -104,11 +105,29 @@ struct Tally {
   std::map<std::string, long> words;
   long double position = 0, heading = 0, relative = 0;
   double curvature = 0, sharpness = 0, jump = 0;  // worst shares of the limit: curvature, sharpness, gap
-  long straight = 0, direction = 0, order = 0, not_a_number = 0;
+  long straight = 0, direction = 0, order = 0, not_a_number = 0, lost = 0;
   std::vector<long> times;
 };
 
-int check(const char* queries_file, const char* plans_file, bool arcs, bool forward, double final) {
+/// Is the board, 1 m ahead of the goal and 0.4 m wide, in the view of a camera 0.35 m before the axle all along?
+bool always_in_view(const Path& path, const Pose2& goal, double view) {
+  Pose2 at = path.start;
+  for (const Segment& segment : path.segments) {
+    const int steps = 1 + static_cast<int>(std::abs(segment.length) / 1e-3);
+    for (int i = 0; i <= steps; ++i) {
+      const Pose2 pose = pose_along(at, segment, segment.length * i / steps);
+      for (const double edge : {-0.2, 0.2}) {
+        const double dx = goal.x + std::cos(goal.yaw) - edge * std::sin(goal.yaw) - pose.x - 0.35 * std::cos(pose.yaw);
+        const double dy = goal.y + std::sin(goal.yaw) + edge * std::cos(goal.yaw) - pose.y - 0.35 * std::sin(pose.yaw);
+        if (std::abs(std::remainder(std::atan2(dy, dx) - pose.yaw, 2.0 * pi)) > 0.5 * view) return false;
+      }
+    }
+    at = pose_along(at, segment, segment.length);
+  }
+  return true;
+}
+
+int check(const char* queries_file, const char* plans_file, bool arcs, bool forward, double final, double view) {
   std::ifstream queries(queries_file);
   std::ifstream plans(plans_file);
   std::string query_line;
@@ -159,6 +178,7 @@ int check(const char* queries_file, const char* plans_file, bool arcs, bool forw
     if (final > 0.0 && (path.segments.back().curvature != 0.0 || path.segments.back().sharpness != 0.0 ||
                         path.segments.back().length < final))
       ++tally.straight;
+    if (view > 0.0 && !always_in_view(path, goal, view)) ++tally.lost;
     const LongPose end = true_end(path);
     const long double off = std::hypot(end.x - goal.x, end.y - goal.y);
     const long double turn = std::fabs(std::atan2(std::sin(end.yaw - goal.yaw), std::cos(end.yaw - goal.yaw)));
@@ -176,16 +196,17 @@ int check(const char* queries_file, const char* plans_file, bool arcs, bool forw
       std::printf(" %s %.2f %%", word.c_str(), 100.0 * static_cast<double>(count) / static_cast<double>(tally.queries));
     std::printf(
         "\n           end error %.2Lg m (%.2Lg of the scale), %.2Lg rad; curvature %.12f, sharpness %.12f, gap %.2g "
-        "of the limits\n           final straight %ld, direction %ld, order %ld, not a number %ld faults; time p50 "
+        "of the limits\n           final straight %ld, direction %ld, order %ld, not a number %ld, view %ld faults; "
+        "time p50 "
         "%.1f us, p99 %.1f us\n",
         tally.position, tally.relative, tally.heading, tally.curvature, tally.sharpness, tally.jump, tally.straight,
-        tally.direction, tally.order, tally.not_a_number,
+        tally.direction, tally.order, tally.not_a_number, tally.lost,
         tally.times.empty() ? 0.0 : 1e-3 * static_cast<double>(tally.times[tally.times.size() / 2]),
         tally.times.empty() ? 0.0 : 1e-3 * static_cast<double>(tally.times[tally.times.size() * 99 / 100]));
     const bool end_fine = (kind == "scale" || tally.position <= 1e-12L) && tally.relative <= 1e-12L;
     fine = fine && end_fine && tally.heading <= 1e-12L && tally.curvature <= 1.0 + 1e-9 &&
            tally.sharpness <= 1.0 + 1e-9 && tally.jump <= 1e-9 && tally.straight == 0 && tally.direction == 0 &&
-           tally.order == 0 && tally.not_a_number == 0;
+           tally.order == 0 && tally.not_a_number == 0 && tally.lost == 0;
   }
   std::puts(fine ? "fine" : "FAULTS");
   return fine ? 0 : 1;
@@ -198,10 +219,12 @@ int main(int count, char** arguments) {
     make(std::atol(arguments[2]), static_cast<unsigned>(std::atol(arguments[3])));
     return 0;
   }
-  if (count == 7 && std::strcmp(arguments[1], "check") == 0)
+  if ((count == 7 || count == 8) && std::strcmp(arguments[1], "check") == 0)
     return check(arguments[2], arguments[3], std::strcmp(arguments[4], "arcs") == 0,
-                 std::strcmp(arguments[5], "forward") == 0, std::atof(arguments[6]));
-  std::fputs("planning_campaign make N SEED | check QUERIES PLANS clothoids|arcs forward|both FINAL_STRAIGHT\n",
-             stderr);
+                 std::strcmp(arguments[5], "forward") == 0, std::atof(arguments[6]),
+                 count == 8 ? radians(std::atof(arguments[7])) : 0.0);
+  std::fputs(
+      "planning_campaign make N SEED | check QUERIES PLANS clothoids|arcs forward|both FINAL_STRAIGHT [VIEW_DEG]\n",
+      stderr);
   return 2;
 }

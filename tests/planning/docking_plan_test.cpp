@@ -124,6 +124,7 @@ TEST_CASE("where a plan keeps the board in view, it is in view at every millimet
     const DockingPlanResult result = plan_docking(start, before_board, config);
     if (const auto* refusal = std::get_if<PlanRefusal>(&result)) {
       if (refusal->reason == NoPlan::tag_out_of_view) ++lost;
+      CHECK((refusal->reason == NoPlan::tag_out_of_view || refusal->reason == NoPlan::no_room));
       continue;
     }
     const auto& plan = std::get<DockingPlan>(result);
@@ -327,6 +328,7 @@ TEST_CASE("all 48 words are listed with a verdict, those without a solution last
 
 TEST_CASE("a refusal for what must not be touched says by how much, and its cure works") {
   DockingPlanConfig config = issue_limits();
+  config.straights = {};
   config.keep_out.polygons = {{{-2.6, 0.1}, {-2.4, 0.1}, {-2.4, 3.0}, {-2.6, 3.0}}};
   const Pose2 start{-4.5, 0.9, radians(-10.0)};
   const DockingPlanResult result = plan_docking(start, before_board, config);
@@ -336,6 +338,10 @@ TEST_CASE("a refusal for what must not be touched says by how much, and its cure
   CHECK(refusal.reason == NoPlan::keep_out);
   CHECK(refusal.sentence.find("are missing") != std::string::npos);
   CHECK(refusal.sentence.find("polygon 1") != std::string::npos);
+  const std::size_t end = refusal.cure.find(" m nearer to the goal's axis");
+  REQUIRE(end != std::string::npos);
+  const double by = std::stod(refusal.cure.substr(refusal.cure.rfind(' ', end - 1) + 1));
+  CHECK(std::holds_alternative<DockingPlan>(plan_docking({start.x, start.y - by, start.yaw}, before_board, config)));
 }
 
 TEST_CASE("segments are whole multiples of one length, to rounding, within the curvature, and the end stays exact") {
