@@ -202,6 +202,17 @@ Eigen::Vector3d predicted_sigma(const Path& path, const Pose2& goal) {
 
 json json_pose(const Pose2& pose) { return {{"x", pose.x}, {"y", pose.y}, {"yaw", pose.yaw}}; }
 
+void add_words(json& object, const std::vector<Candidate>& candidates) {
+  if (candidates.empty()) return;
+  json words = json::array();
+  for (const Candidate& candidate : candidates)
+    words.push_back({{"word", candidate.word.name()},
+                     {"length", candidate.solved ? json(candidate.word.length) : json()},
+                     {"cusps", candidate.word.cusps()},
+                     {"verdict", candidate.verdict}});
+  object["reeds_shepp"] = std::move(words);
+}
+
 json as_json(const Query& query, const Answer& answer, const WheelLimits& wheels) {
   json object{{"id", query.id},
               {"time_ns", answer.time_ns},
@@ -233,20 +244,27 @@ json as_json(const Query& query, const Answer& answer, const WheelLimits& wheels
             {{"periods", timing.periods}, {"entry", timing.entry}, {"cruise", timing.cruise}, {"exit", timing.exit}});
       object["time_law"] = {{"duration", law->duration()}, {"period", law->period}, {"segments", std::move(timings)}};
     }
-    if (!plan->candidates.empty()) {
-      json words = json::array();
-      for (const Candidate& candidate : plan->candidates)
-        words.push_back({{"word", candidate.word.name()},
-                         {"length", candidate.solved ? json(candidate.word.length) : json()},
-                         {"cusps", candidate.word.cusps()},
-                         {"verdict", candidate.verdict}});
-      object["reeds_shepp"] = std::move(words);
-    }
+    add_words(object, plan->candidates);
   } else if (const auto* refusal = std::get_if<PlanRefusal>(&answer.result)) {
     object["sentence"] = refusal->sentence;
     object["cure"] = refusal->cure;
+    add_words(object, refusal->candidates);
   }
   return object;
+}
+
+/// Every word with what speaks against it.
+void explain_words(std::ostream& out, const std::vector<Candidate>& candidates) {
+  if (candidates.empty()) return;
+  out << "the 48 Reeds-Shepp words at full curvature, to the end of the last turn, and what speaks against each:\n";
+  char line[80];
+  for (const Candidate& candidate : candidates) {
+    if (candidate.solved)
+      std::snprintf(line, sizeof line, "  %-12s %10.4f m  ", candidate.word.name().c_str(), candidate.word.length);
+    else
+      std::snprintf(line, sizeof line, "  %-12s %10s    ", candidate.word.name().c_str(), "-");
+    out << line << candidate.verdict << "\n";
+  }
 }
 
 void explain(std::ostream& out, const Query& query, const Answer& answer, const WheelLimits& wheels) {
@@ -258,6 +276,7 @@ void explain(std::ostream& out, const Query& query, const Answer& answer, const 
   if (const auto* refusal = std::get_if<PlanRefusal>(&answer.result)) {
     out << "no plan (" << word(refusal->reason) << "): " << refusal->sentence << "\n";
     if (!refusal->cure.empty()) out << "what would help: " << refusal->cure << "\n";
+    explain_words(out, refusal->candidates);
     return;
   }
   const auto* plan = std::get_if<DockingPlan>(&answer.result);
@@ -293,14 +312,7 @@ void explain(std::ostream& out, const Query& query, const Answer& answer, const 
             segment.curvature * (segment.sharpness == 0.0),
         pose.x, pose.y, degrees(pose.yaw));
   }
-  out << "the 48 Reeds-Shepp words at full curvature, to the end of the last turn, and what speaks against each:\n";
-  for (const Candidate& candidate : plan->candidates) {
-    if (candidate.solved)
-      say("  %-12s %10.4f m  ", candidate.word.name().c_str(), candidate.word.length);
-    else
-      say("  %-12s %10s    ", candidate.word.name().c_str(), "-");
-    out << candidate.verdict << "\n";
-  }
+  explain_words(out, plan->candidates);
 }
 
 /// Where the data goes: a file, or stdout.
@@ -334,16 +346,21 @@ Answer answered(const Query& query, Mode mode, DockingPlanConfig& config, Dockin
           std::chrono::duration_cast<std::chrono::nanoseconds>(std::chrono::steady_clock::now() - begin).count()};
 }
 
-/// Foot of the board: as given, or 1 m straight ahead of the goal; behind it when the camera looks back.
-Pose2 board_of(const PlanArguments& arguments, const Pose2& goal) {
+/// In reverse with a camera that looks ahead: the robot backs out of a dock.
+bool leaves_dock(const PlanArguments& arguments) { return arguments.reverse && arguments.camera_yaw_deg == 0.0; }
+
+/// Foot of the board: as given, or 1 m from the docking pose to where the camera looks. The dock is the goal, or the
+/// start of a way out in reverse.
+Pose2 board_of(const PlanArguments& arguments, const Query& query) {
+  const Pose2& dock = leaves_dock(arguments) ? query.start : query.goal;
   if (!arguments.board.empty()) return pose_option(arguments.board, "--board");
-  return goal * Pose2{0.0, 0.0, radians(arguments.camera_yaw_deg)} * Pose2{1.0, 0.0, 0.0};
+  return dock * Pose2{0.0, 0.0, radians(arguments.camera_yaw_deg)} * Pose2{1.0, 0.0, 0.0};
 }
 
 int plan_one(const PlanArguments& arguments, Mode mode, DockingPlanConfig config) {
   Query query{"0", pose_option(arguments.from, "--from"), pose_option(arguments.to, "--to"), config.limits};
   config.list_candidates = arguments.explain || arguments.as_json || !arguments.svg.empty();
-  const Pose2 board = board_of(arguments, query.goal);
+  const Pose2 board = board_of(arguments, query);
   if (config.view) config.view->T_station_board = board;
   DockingPlanner planner;
   const Answer answer = answered(query, mode, config, planner);
@@ -362,12 +379,13 @@ int plan_one(const PlanArguments& arguments, Mode mode, DockingPlanConfig config
     PlanScene scene{query.start,     query.goal, board, query.limits, config.view.value_or(ViewWish{}),
                     config.keep_out, {},         {}};
     if (const Path* path = path_of(answer.result)) scene.law = time_law(*path, arguments.wheels);
+    const std::string driven = arguments.reverse ? "in reverse" : arguments.mode;
     char title[160] = "";
     if (const auto* plan = std::get_if<DockingPlan>(&answer.result))
-      std::snprintf(title, sizeof title, "%s: %.3f m, %zu segments, curvature up to %.3f 1/m", arguments.mode.c_str(),
+      std::snprintf(title, sizeof title, "%s: %.3f m, %zu segments, curvature up to %.3f 1/m", driven.c_str(),
                     plan->length, plan->path.segments.size(), plan->peak_curvature);
     else
-      std::snprintf(title, sizeof title, "%s: %s", arguments.mode.c_str(), std::string(status(answer.result)).c_str());
+      std::snprintf(title, sizeof title, "%s: %s", driven.c_str(), std::string(status(answer.result)).c_str());
     scene.title = title;
     Sink picture(arguments.svg);
     picture.stream() << plan_picture(answer.result, scene);
@@ -471,7 +489,7 @@ int plan_batch(const PlanArguments& arguments, Mode mode, DockingPlanConfig conf
         sink.stream() << query.id << ",0,malformed,,,,,,\n";
       continue;
     }
-    if (config.view) config.view->T_station_board = board_of(arguments, query.goal);
+    if (config.view) config.view->T_station_board = board_of(arguments, query);
     const Answer answer = answered(query, mode, config, planner);
     if (arguments.as_json)
       sink.stream() << as_json(query, answer, arguments.wheels).dump(-1, ' ', false, json::error_handler_t::replace)
@@ -554,8 +572,7 @@ int run(const PlanArguments& arguments) {
   config.keep_out.footprint = {arguments.footprint[0], arguments.footprint[1], arguments.footprint[2]};
   config.keep_out.margin = arguments.keep_out_margin;
   // A dock is at the goal, or at the start of a way out in reverse.
-  (arguments.reverse && arguments.camera_yaw_deg == 0.0 ? config.keep_out.contact_until
-                                                        : config.keep_out.contact_within) = arguments.contact_within;
+  (leaves_dock(arguments) ? config.keep_out.contact_until : config.keep_out.contact_within) = arguments.contact_within;
   if (const std::optional<PlanRefusal> fault = refuse_wishes(config)) throw Failure(ExitCode::usage, fault->sentence);
   for (const std::string& text : arguments.keep_out) config.keep_out.polygons.push_back(polygon_option(text));
   const Mode mode = arguments.mode == "forward"  ? Mode::forward
@@ -618,7 +635,7 @@ void add_plan(CLI::App& program, Action& action) {
   verb->add_option("--measure-over", arguments->measure_over,
                    "m; 0: yaw is measured at the goal, negative: at the start only")
       ->capture_default_str();
-  verb->add_option("--board", arguments->board, "foot of the board X,Y,YAW_DEG (default: 1 m ahead of the goal)");
+  verb->add_option("--board", arguments->board, "foot of the board X,Y,YAW_DEG (default: 1 m ahead of the dock)");
   verb->add_option("--board-width", arguments->board_width, "m")->capture_default_str();
   verb->add_option("--keep-out", arguments->keep_out,
                    "corners X,Y,X,Y,X,Y of a polygon that the robot must keep away from (mode forward)");
@@ -664,7 +681,7 @@ void add_plan(CLI::App& program, Action& action) {
       "JSON: id, time_ns, status, from, to {x, y, yaw}; with a plan length, shortest, peak_curvature, sharpness,\n"
       "segments [{length, curv_start, curv_end}], predicted_sigma {along, across, yaw} (odometry alone), time_law\n"
       "{duration, period, segments [{periods, entry, cruise, exit}]} if there is one, largest_bearing, period_length,\n"
-      "reeds_shepp (48) [{word, length or null, cusps, verdict}]; else sentence, cure.\n"
+      "reeds_shepp (48) [{word, length or null, cusps, verdict}]; else sentence, cure, reeds_shepp (not in a batch).\n"
       "Exit code: 0 planned (batch: every line answered), 1 no plan, 2 bad question.");
   verb->callback([arguments, &action] { action = [arguments] { return run(*arguments); }; });
 }

@@ -169,7 +169,8 @@ void draw_sweep(std::string& svg, const Diagram& map, const DockingPlan& plan, c
   svg += "'/></g>\n";
 }
 
-void draw_map(std::string& svg, const DockingPlan* plan, const PlanScene& scene, const Box& box) {
+void draw_map(std::string& svg, const DockingPlan* plan, const std::vector<Candidate>& candidates,
+              const PlanScene& scene, const Box& box) {
   // What must be seen: start, goal, board, the way; Reeds-Shepp words only as far as they stay near.
   double x_low = std::min({scene.start.x, scene.goal.x, scene.board.x});
   double x_high = std::max({scene.start.x, scene.goal.x, scene.board.x});
@@ -202,13 +203,13 @@ void draw_map(std::string& svg, const DockingPlan* plan, const PlanScene& scene,
     if (!line.empty()) line.push_back(line.front());
     map.line(svg, line, "stroke='#8a1a1a' stroke-width='2' stroke-dasharray='6 3'");
   }
+  for (auto candidate = candidates.rbegin(); candidate != candidates.rend(); ++candidate) {
+    if (!candidate->solved) continue;
+    const bool forward = candidate->verdict.find(", but its ") != std::string::npos;
+    map.line(svg, line_of(candidate->word.path(scene.start, scene.limits.max_curvature)),
+             forward ? "stroke='#7ba5d3' stroke-width='1.2'" : "stroke='#cccccc' stroke-width='0.8'");
+  }
   if (plan != nullptr) {
-    for (auto candidate = plan->candidates.rbegin(); candidate != plan->candidates.rend(); ++candidate) {
-      if (!candidate->solved) continue;
-      const bool forward = candidate->verdict.find(", but its ") != std::string::npos;
-      map.line(svg, line_of(candidate->word.path(scene.start, scene.limits.max_curvature)),
-               forward ? "stroke='#7ba5d3' stroke-width='1.2'" : "stroke='#cccccc' stroke-width='0.8'");
-    }
     constexpr int outlines = 9;
     for (int i = 1; i < outlines; ++i)
       map.line(svg, outline(point_at(plan->path, plan->length * i / outlines).pose, scene.keep_out.footprint),
@@ -300,7 +301,13 @@ std::string plan_picture(const DockingPlanResult& result, const PlanScene& scene
       "<svg xmlns='http://www.w3.org/2000/svg' width='1280' height='720' viewBox='0 0 1280 720'>\n"
       "<rect width='1280' height='720' fill='#ffffff'/>\n<g font-family='DejaVu Sans, sans-serif' fill='#222222'>\n";
   svg += "<text x='60' y='30' font-size='17'>" + escaped(scene.title) + "</text>\n";
-  draw_map(svg, plan, scene, {60.0, 70.0, 640.0, 590.0});
+  const auto* refused = std::get_if<PlanRefusal>(&result);
+  const std::vector<Candidate> none;
+  draw_map(svg, plan,
+           plan != nullptr      ? plan->candidates
+           : refused != nullptr ? refused->candidates
+                                : none,
+           scene, {60.0, 70.0, 640.0, 590.0});
   if (plan != nullptr && plan->length > 0.0) {
     const double height = scene.law ? 135.0 : 240.0;
     const double pitch = height + 90.0;

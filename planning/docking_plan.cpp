@@ -768,10 +768,15 @@ const DockingPlanResult& DockingPlanner::plan(const Pose2& start, const Pose2& g
   for (Path* path : {&spare_path_, &scratch_}) path->segments.reserve(most_segments(2, full));
   const std::optional<ForwardPath> shortest = question.shortest(full, true);
   if (!shortest) {
-    no_room(question, full, fresh_refusal());
+    PlanRefusal& refusal = fresh_refusal();
+    no_room(question, full, refusal);
+    if (config.list_candidates) rate(question, std::nullopt, refusal.candidates);
     return result_;
   }
-  if (PlanRefusal& refusal = fresh_refusal(); hopeless(question, refusal)) return result_;
+  if (PlanRefusal& refusal = fresh_refusal(); hopeless(question, refusal)) {
+    if (config.list_candidates) rate(question, std::nullopt, refusal.candidates);
+    return result_;
+  }
 
   DockingPlan& plan = fresh_plan();
   plan.shortest = shortest->length;
@@ -822,6 +827,8 @@ const DockingPlanResult& DockingPlanner::plan(const Pose2& start, const Pose2& g
       break;
     }
   }
+  if (auto* refusal = std::get_if<PlanRefusal>(&result_); refusal != nullptr && config.list_candidates)
+    rate(question, std::nullopt, refusal->candidates);
   return result_;
 }
 

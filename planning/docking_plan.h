@@ -48,15 +48,6 @@ enum class NoPlan {
 /// The status word of `tagdock plan`, for example "no_room".
 std::string_view word(NoPlan reason);
 
-struct PlanRefusal {
-  NoPlan reason = NoPlan::no_room;
-  std::string sentence;  ///< which limit, by how much, for a person
-  std::string cure;      ///< the smallest change that makes it drivable; empty if none of those tried does
-};
-
-/// Start and goal are the same pose to rounding: nothing to drive.
-struct AlreadyThere {};
-
 /// A Reeds-Shepp word with the reason why it is not driven.
 struct Candidate {
   ReedsSheppWord word;
@@ -64,6 +55,16 @@ struct Candidate {
   /// Why it is not driven, for example "2 direction changes, 5 segments, curvature jumps by 1.25 1/m".
   std::string verdict;
 };
+
+struct PlanRefusal {
+  NoPlan reason = NoPlan::no_room;
+  std::string sentence;               ///< which limit, by how much, for a person
+  std::string cure;                   ///< the smallest change that makes it drivable; empty if none of those tried does
+  std::vector<Candidate> candidates;  ///< as of a plan; empty where the question itself is wrong
+};
+
+/// Start and goal are the same pose to rounding: nothing to drive.
+struct AlreadyThere {};
 
 struct DockingPlan {
   Path path;

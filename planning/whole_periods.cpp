@@ -89,6 +89,8 @@ std::optional<double> cut_to_whole_periods(Path& path, const Pose2& goal, double
   // A straight path has its length to give only: it is cut into so many periods that they are not longer than wanted.
   double period = count == 1 ? std::abs(path.segments[0].length) / std::ceil(std::abs(path.segments[0].length) / most)
                              : most * (1.0 - 1e-3);
+  // Every segment takes one period at least: where that makes the way much longer the period is too long for the path.
+  const double longest = 1.1 * length(path) + period;
   int more_first = 0;
   int more_last = 0;
   for (int attempt = 0; attempt < 8; ++attempt) {
@@ -104,7 +106,7 @@ std::optional<double> cut_to_whole_periods(Path& path, const Pose2& goal, double
       carried += whole - periods * period;
       segment.length = std::copysign(periods * period, segment.length);
     }
-    if (!repair(path, goal, max_curvature)) return std::nullopt;
+    if (length(path) > longest || !repair(path, goal, max_curvature)) return std::nullopt;
     // The common length has changed a little. Lengths are made exact multiples of it: their rounding errors are what
     // repair() has left at the goal, and not more.
     const Segment& front = path.segments.front();

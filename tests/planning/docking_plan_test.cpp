@@ -326,6 +326,15 @@ TEST_CASE("all 48 words are listed with a verdict, those without a solution last
   }
 }
 
+TEST_CASE("a refusal lists the 48 words too, unless the question itself is wrong") {
+  const DockingPlanResult refused = plan_docking({-2.0, 0.9, radians(-15.0)}, before_board, issue_limits());
+  REQUIRE(std::holds_alternative<PlanRefusal>(refused));
+  CHECK(std::get<PlanRefusal>(refused).candidates.size() == 48);
+  const DockingPlanResult wrong = plan_docking({not_a_number, 0.9, 0.0}, before_board, issue_limits());
+  REQUIRE(std::holds_alternative<PlanRefusal>(wrong));
+  CHECK(std::get<PlanRefusal>(wrong).candidates.empty());
+}
+
 TEST_CASE("a refusal for what must not be touched says by how much, and its cure works") {
   DockingPlanConfig config = issue_limits();
   config.straights = {};
@@ -382,6 +391,10 @@ TEST_CASE("segments are whole multiples of one length, to rounding, within the c
   }
   CAPTURE(planned, refused);
   CHECK(refused * 20 < planned);  // almost every path can be cut so; what cannot is refused
+  config.period_length = 5.0;     // longer than the whole way
+  const DockingPlanResult too_long = plan_docking({-4.5, 0.5, 0.0}, before_board, config);
+  REQUIRE(std::holds_alternative<PlanRefusal>(too_long));
+  CHECK(word(std::get<PlanRefusal>(too_long).reason) == "not_exact");
 }
 
 TEST_CASE("law: every plan ends at its goal to rounding, at any scale, heading and place") {
