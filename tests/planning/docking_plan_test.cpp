@@ -7,6 +7,7 @@
 #include <catch2/catch.hpp>
 #include <rapidcheck.h>
 
+#include "planning/time_law.h"
 #include "tests/planning/endpoint.h"
 
 using namespace tagdock;
@@ -395,6 +396,74 @@ TEST_CASE("segments are whole multiples of one length, to rounding, within the c
   const DockingPlanResult too_long = plan_docking({-4.5, 0.5, 0.0}, before_board, config);
   REQUIRE(std::holds_alternative<PlanRefusal>(too_long));
   CHECK(word(std::get<PlanRefusal>(too_long).reason) == "not_exact");
+}
+
+TEST_CASE("law: what a plan keeps in view and away from is so at every centimetre, and its time law holds the wheels") {
+  int planned = 0;
+  const auto law = [&planned] {
+    const auto real = [](double low, double high) {
+      return low + (high - low) * static_cast<double>(*rc::gen::inRange(0, 1 << 30)) / (1 << 30);
+    };
+    DockingPlanConfig config;
+    config.limits = {real(0.5, 3.0), real(0.5, 10.0)};
+    config.straights = {real(0.0, 0.3), real(0.0, 0.5)};
+    config.arcs = *rc::gen::arbitrary<bool>();
+    config.arc_wish = {*rc::gen::inRange(1, 9), 0.0, 0.0};
+    config.softness = *rc::gen::element(0.0, 0.05, 0.3);
+    config.reverse = *rc::gen::inRange(0, 4) == 0;
+    config.list_candidates = config.find_cures = false;
+    config.view = ViewWish{};
+    config.view->horizontal_view = radians(real(50.0, 120.0));
+    config.view->margin = radians(real(0.0, 3.0));
+    config.view->min_range = real(0.0, 0.7);
+    config.keep_out.margin = real(0.01, 0.2);
+    const Corner post{real(-4.0, -1.0), real(-1.5, 1.5)};
+    config.keep_out.polygons = {
+        {{post.x, post.y}, {post.x + 0.2, post.y}, {post.x + 0.2, post.y + 0.1}, {post.x, post.y + 0.1}}};
+    Pose2 start{-real(2.5, 5.5), real(-1.5, 1.5), radians(real(-30.0, 30.0))};
+    Pose2 goal = before_board;
+    if (config.reverse) std::swap(start, goal);
+    const DockingPlanResult result = plan_docking(start, goal, config);
+    const auto* plan = std::get_if<DockingPlan>(&result);
+    if (plan == nullptr) return;
+    ++planned;
+    const double whole = length(plan->path);
+    for (double driven = 0.0; driven <= whole; driven += 0.01) {
+      const Pose2 base = point_at(plan->path, driven).pose;
+      RC_ASSERT(seen_edge(base, *config.view) <= 0.5 * config.view->horizontal_view);
+      // The check may be 1 mm short of the margin between two looks.
+      RC_ASSERT(clearance(base, config.keep_out.footprint, config.keep_out.polygons[0]) >=
+                config.keep_out.margin - 1e-3);
+      const double range = std::hypot(base.x + config.view->camera_ahead * std::cos(base.yaw),
+                                      base.y + config.view->camera_ahead * std::sin(base.yaw));
+      RC_ASSERT(range >= config.view->min_range - 1e-6);
+    }
+    WheelLimits wheels;
+    wheels.wheel_acceleration = real(0.2, 2.0);
+    wheels.wheel_jerk = real(1.0, 20.0);
+    const std::optional<TimeLaw> times = time_law(plan->path, wheels);
+    if (!times) return;
+    Twist2 before{};
+    for (double t = 0.5 * wheels.period; t < times->duration() + wheels.period; t += wheels.period) {
+      const Twist2 now = twist_at(plan->path, *times, t);
+      for (const double side : {-0.5, 0.5}) {
+        const double wheel = now.linear + side * wheels.track_width * now.angular;
+        const double wheel_before = before.linear + side * wheels.track_width * before.angular;
+        RC_ASSERT(std::abs(wheel) <= wheels.wheel_speed * (1.0 + 1e-9));
+        RC_ASSERT(std::abs(wheel - wheel_before) <= wheels.wheel_acceleration * wheels.period * (1.0 + 1e-9));
+      }
+      before = now;
+    }
+  };
+  rc::detail::TestParams params;
+  params.maxSuccess = 3000;
+  params.seed = 20261;
+  const auto outcome = rc::detail::checkTestable(law, rc::detail::TestMetadata{}, params);
+  std::ostringstream text;
+  rc::detail::printResultMessage(outcome, text);
+  INFO(text.str());
+  CHECK(outcome.is<rc::detail::SuccessResult>());
+  CHECK(planned > 400);  // of 3000: the law is about plans, not about refusals
 }
 
 TEST_CASE("law: every plan ends at its goal to rounding, at any scale, heading and place") {
