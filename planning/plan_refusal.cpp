@@ -36,9 +36,8 @@ struct Cure {
 /// Collects the smallest change of each kind that works.
 class Cures {
  public:
-  /// @param works     is the question with a change of this size answered? Sizes from 0 to `most`; also asked whether
-  /// to
-  ///                  look closely, which costs more where the answer is no
+  /// @param works     is the question with a change of this size answered? Sizes from 0 to `most`; the second argument
+  ///                  asks to look closely, which costs more where the answer is no
   /// @param describe  the change in words
   template <class Works, class Describe>
   void look(double most, double unit, const Works& works, const Describe& describe) {
