@@ -104,7 +104,9 @@ TEST_CASE("a walk through all that can happen takes the transitions of the table
   };
   std::map<std::pair<std::string, std::string>, int> taken;
   for (int walk = 0; walk < 6000; ++walk) {
-    Phase phase = first_phase(moods.now());
+    config.errand = moods.chance(0.15) ? Errand::undock : Errand::dock;
+    config.back_off.safe_pose = moods.chance(0.3);
+    Phase phase = first_phase(config.errand, moods.now());
     refuse = moods.chance(0.3);
     length_of_paths = moods.chance(0.7) ? 0.0004 : 0.3;
     config.back_off.retries = moods.whole(0, 2);
