@@ -71,6 +71,8 @@ Rig read_rig(const std::filesystem::path& file) {
   for (const std::string_view key : {"width", "height", "fx", "fy", "cx", "cy", "dist"})
     if (YamlMap camera = map.map("camera"); !camera.has(key)) camera.refuse(key, "is missing");
   for (const char* key : judged_keys) (void)map.has(key);
+  if (map.has("verdict") && map.text("verdict") == "refused")
+    map.refuse("verdict", "is refused; this calibration says of itself that it is not good enough to dock with");
   Rig rig;
   FieldReader reader(map);
   visit(reader, rig);
