@@ -301,7 +301,7 @@ const char* const intrinsics_details =
 void add_calibrate(CLI::App& program, Action& action) {
   CLI::App* verb =
       program.add_subcommand("calibrate", "camera, its place on the base, wheels, station; with a verdict");
-  verb->require_subcommand(1);
+  verb->require_subcommand(0, 1);
 
   const auto print = std::make_shared<TargetOptions>();
   CLI::App* sheet = verb->add_subcommand("target", "a board to print at its true size, as PDF, and its description");

@@ -25,6 +25,7 @@
 #include "app/failure.h"
 #include "app/hand_eye_dataset.h"
 #include "app/image_file.h"
+#include "app/printed_target.h"
 #include "app/rig_file.h"
 #include "app/stop_signal.h"
 #include "app/target_file.h"
@@ -169,6 +170,26 @@ int wizard(const WizardOptions& options) {
   for (const std::string& sentence : report.verdict) std::cerr << sentence << "\n";
   std::cerr << "written: " << options.output << ", " << (folder / "report.html").string() << ", report.pdf\n";
   return static_cast<int>(result.complaints.empty() ? ExitCode::done : ExitCode::calibration_refused);
+}
+
+/// Without any argument: prints a board first, then walks through the calibration with it.
+int from_nothing() {
+  WizardOptions options;
+  options.target = "board.yaml";
+  if (fs::exists(options.target)) return wizard(options);
+  CalibrationTarget board;
+  board.squares_x = 10;
+  board.squares_y = 7;
+  board.dictionary = "DICT_5X5_100";
+  const Paper paper = paper_of("A4");
+  board = fitted(board, paper);
+  print_target(board, paper, "board.pdf");
+  write_whole(options.target, target_text(board));
+  std::cerr
+      << "There is no board.yaml here, so a board was drawn: print board.pdf at 100 %, glue it onto something stiff "
+         "and flat, measure its two rulers, and run `tagdock calibrate` here again (or `tagdock calibrate wizard "
+         "--camera ... --target ...`; `tagdock calibrate --help` lists the single steps).\n";
+  return 0;
 }
 
 // ---- the station ---------------------------------------------------------------------------------------------------
@@ -332,6 +353,10 @@ void add_calibrate_station(CLI::App& verb, Action& action) {
   check->add_flag("--json", *json, "one JSON object on stdout");
   check->callback(
       [again, json, &action] { action = [again, json] { return check_again((*again)[0], (*again)[1], *json); }; });
+
+  verb.callback([&verb, &action] {
+    if (verb.get_subcommands().empty()) action = from_nothing;
+  });
 }
 
 }  // namespace tagdock

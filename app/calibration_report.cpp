@@ -182,8 +182,7 @@ Figure histogram(const IntrinsicsResult& result) {
 
 Figure top_view(const HandEyeProblem& problem, const HandEyeResult& result) {
   // In the board's own plane of the floor: x along the wall to the right, y away from it.
-  Figure figure("stops from above, with the cone of 25 degrees in which a single tag's pose is not trusted", 480.0,
-                420.0);
+  Figure figure("stops from above, the board on top; shaded: the cone of 25 degrees", 480.0, 420.0);
   std::vector<Vector2d> places;
   std::vector<Vector2d> sights;
   for (std::size_t i = 0; i < result.stops.size(); ++i) {
@@ -204,6 +203,7 @@ Figure top_view(const HandEyeProblem& problem, const HandEyeResult& result) {
   axes.most = Vector2d(reach, 1.55 * reach);
   axes.width = 390.0;
   axes.height = 330.0;
+  axes.y_down = true;  // the wall on top: right is right for a person who faces it
   const double cone = std::tan(radians(25.0)) * 1.5 * reach;
   figure.shape({axes({0, 0}), axes({-cone, 1.5 * reach}), axes({cone, 1.5 * reach})}, true, {0xf3e3c3, -1, 1.0, 0.7});
   figure.line(axes({-0.12 * reach, 0}), axes({0.12 * reach, 0}), {-1, 0x1a1a1a, 4.0, 1.0});
@@ -222,7 +222,7 @@ Figure determined(const HandEyeResult& result) {
   std::vector<Bar> all;
   for (std::size_t i = 0; i < result.direction_ratios.size(); ++i)
     all.push_back({std::to_string(i + 1), 100.0 * result.direction_ratios[i], result.direction_ratios[i] > 0.2});
-  return bars("what the drive leaves of not knowing anything, % per direction (pale: not determined)", "%", all);
+  return bars("what the drive leaves open, % per direction (pale: not determined)", "%", all);
 }
 
 }  // namespace

@@ -7,8 +7,9 @@ namespace tagdock {
 namespace {
 
 // What `calibrate` writes beside the values: for judges and for people, not for the docking.
-constexpr const char* judged_keys[] = {"projection_sigma_px", "rejected_views", "T_base_cam_sigma", "unobservable",
-                                       "camera_covariance",   "quality",        "version",          "verdict"};
+constexpr const char* judged_keys[] = {
+    "projection_sigma_px",   "rejected_views", "T_base_cam_sigma", "unobservable", "camera_covariance",
+    "T_base_cam_covariance", "quality",        "version",          "verdict"};
 
 void visit(Fields& fields, CameraModel& camera) {
   fields.integer("width", camera.width, 1, 65536);

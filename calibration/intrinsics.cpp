@@ -29,7 +29,8 @@ constexpr double robust_sigma = 2.5;      // where a corner's square turns into 
 constexpr double outlier_sigma = 4.5;     // beyond it a corner is set aside
 constexpr double least_sigma_px = 0.015;  // what rendering and rounding leave of any corner
 constexpr std::size_t least_views = 5;
-constexpr double misfit = 3.0;  // a view that leaves so much more than the usual one does not belong
+constexpr double least_misfit_px = 0.1;  // a view that leaves less does no harm, however good the others are
+constexpr double misfit = 3.0;           // a view that leaves so much more than the usual one does not belong
 // What boards do: they bend by up to some hundredths of their half size, less in higher orders; prints stretch.
 constexpr double bend_share = 0.02;
 constexpr double higher_bend_share = 0.003;
@@ -267,6 +268,13 @@ double misfit_of(const Data& data, const Solution& solution, const std::vector<s
   return std::sqrt(squares / std::max(1.0, count));
 }
 
+/// Root of the mean square over a view's coordinates [px].
+double rms_of(const Data& data, const Solution& solution, std::size_t view) {
+  double squares = 0.0;
+  for (const SeenPoint& seen : data.views[view]) squares += residual_px(data, solution, view, seen).squaredNorm();
+  return std::sqrt(squares / (2.0 * static_cast<double>(std::max<std::size_t>(1, data.views[view].size()))));
+}
+
 Eigen::Matrix<double, 12, 12> spread_out(const MatrixXd& covariance, LensModel model) {
   const std::vector<int> constant = held(model);
   std::vector<Index> free;
@@ -444,7 +452,8 @@ IntrinsicsResult calibrate_intrinsics(const std::vector<CalibrationView>& all, i
     std::vector<std::size_t> kept;
     for (std::size_t i = 0; i < used.size(); ++i) {
       const std::size_t view = used[i];
-      if (round > 0 && misfits[i] > misfit * usual && used.size() > least_views) {
+      if (round > 0 && misfits[i] > misfit * usual && rms_of(data, solution, view) > least_misfit_px &&
+          used.size() > least_views) {
         result.views[view].used = false;
         result.views[view].reason = "does not agree with the other views: it leaves " + figure(misfits[i] / usual, 2) +
                                     " times the usual (board or camera moved, or rows read one after the other)";

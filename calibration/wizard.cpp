@@ -50,6 +50,8 @@ WizardStep step(const WizardState& now, const CalibrationView& view, const Wizar
   result.next = now;
   result.next.last = view;
   if (now.finished) return result;
+  for (const CalibrationView& before : now.kept)
+    if (way(before, view) == 0.0) return result;  // the very same picture: a session that goes on with its folder
   if (!forced) {
     constexpr std::size_t least_corners = 12;
     if (view.corners.size() < least_corners || !now.last || way(*now.last, view) > config.still_px) return result;

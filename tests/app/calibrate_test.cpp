@@ -108,7 +108,8 @@ TEST_CASE("a calibration that was refused is no rig to dock with") {
   const std::string rig =
       "camera: {width: 1280, height: 1024, fx: 1100, fy: 1100, cx: 640, cy: 512, dist: [0, 0, 0, 0, 0]}\n"
       "T_base_cam: {t: [0.3, 0, 0.3], q_xyzw: [0.5, -0.5, 0.5, -0.5]}\n";
-  folder.write("good.yaml", rig + "verdict: \"good\"\n");
+  folder.write("good.yaml",
+               rig + "verdict: \"good\"\nquality: {reasons: []}\nunobservable: []\nT_base_cam_covariance: [1, 2]\n");
   folder.write("bad.yaml", rig + "verdict: \"refused\"\n");
   CHECK(read_rig(folder.path / "good.yaml").camera.fx == 1100);
   CHECK(refusal([&] { (void)read_rig(folder.path / "bad.yaml"); }).find("verdict") != std::string::npos);
