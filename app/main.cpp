@@ -17,6 +17,7 @@ int main(int argc, char** argv) {
   add_detect(program, action);
   add_plan(program, action);
   add_evaluate(program, action);
+  add_calibrate(program, action);
   add_doctor(program, action);
   try {
     program.parse(argc, argv);

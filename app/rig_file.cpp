@@ -7,8 +7,9 @@ namespace tagdock {
 namespace {
 
 // What `calibrate` writes beside the values: for judges and for people, not for the docking.
-constexpr const char* judged_keys[] = {"projection_sigma_px", "rejected_views", "T_base_cam_sigma", "unobservable",
-                                       "camera_covariance",   "quality",        "version",          "verdict"};
+constexpr const char* judged_keys[] = {
+    "projection_sigma_px",   "rejected_views", "T_base_cam_sigma", "unobservable", "camera_covariance",
+    "T_base_cam_covariance", "quality",        "version",          "verdict"};
 
 void visit(Fields& fields, CameraModel& camera) {
   fields.integer("width", camera.width, 1, 65536);
@@ -71,6 +72,8 @@ Rig read_rig(const std::filesystem::path& file) {
   for (const std::string_view key : {"width", "height", "fx", "fy", "cx", "cy", "dist"})
     if (YamlMap camera = map.map("camera"); !camera.has(key)) camera.refuse(key, "is missing");
   for (const char* key : judged_keys) (void)map.has(key);
+  if (map.has("verdict") && map.text("verdict") == "refused")
+    map.refuse("verdict", "is refused; this calibration says of itself that it is not good enough to dock with");
   Rig rig;
   FieldReader reader(map);
   visit(reader, rig);

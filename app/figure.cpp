@@ -1,0 +1,288 @@
+#include "app/figure.h"
+
+#include <algorithm>
+#include <cairo/cairo-pdf.h>
+#include <cairo/cairo.h>
+#include <cmath>
+#include <cstdio>
+
+#include "app/failure.h"
+#include "app/svg.h"
+
+namespace tagdock {
+namespace {
+
+using Eigen::Vector2d;
+
+std::string colour(int value) {
+  if (value < 0) return "none";
+  char text[16];
+  std::snprintf(text, sizeof text, "#%06x", static_cast<unsigned>(value));
+  return text;
+}
+
+std::string style_of(const Ink& ink) {
+  std::string style = "fill:" + colour(ink.fill) + ";stroke:" + colour(ink.stroke);
+  if (ink.stroke >= 0) style += ";stroke-width:" + plain(ink.width, 2);
+  if (ink.opacity < 1.0) style += ";opacity:" + plain(ink.opacity, 2);
+  return style;
+}
+
+std::string escaped(const std::string& words) {
+  std::string text;
+  for (const char letter : words) {
+    if (letter == '&')
+      text += "&amp;";
+    else if (letter == '<')
+      text += "&lt;";
+    else if (letter == '>')
+      text += "&gt;";
+    else
+      text += letter;
+  }
+  return text;
+}
+
+void set_colour(cairo_t* cr, int value, double opacity) {
+  cairo_set_source_rgba(cr, ((value >> 16) & 255) / 255.0, ((value >> 8) & 255) / 255.0, (value & 255) / 255.0,
+                        opacity);
+}
+
+void paint(cairo_t* cr, const Ink& ink) {
+  if (ink.fill >= 0) {
+    set_colour(cr, ink.fill, ink.opacity);
+    cairo_fill_preserve(cr);
+  }
+  if (ink.stroke >= 0) {
+    set_colour(cr, ink.stroke, ink.opacity);
+    cairo_set_line_width(cr, ink.width);
+    cairo_stroke_preserve(cr);
+  }
+  cairo_new_path(cr);
+}
+
+void draw_text(cairo_t* cr, const Vector2d& place, const std::string& words, double size, double anchor) {
+  cairo_set_source_rgb(cr, 0.1, 0.1, 0.1);
+  cairo_set_font_size(cr, size);
+  cairo_text_extents_t extents;
+  cairo_text_extents(cr, words.c_str(), &extents);
+  cairo_move_to(cr, place.x() - anchor * extents.x_advance, place.y());
+  cairo_show_text(cr, words.c_str());
+  cairo_new_path(cr);
+}
+
+void draw(cairo_t* cr, const Figure& figure) {
+  for (const Figure::Part& part : figure.parts()) {
+    if (const auto* shape = std::get_if<Figure::Shape>(&part)) {
+      for (std::size_t i = 0; i < shape->points.size(); ++i) {
+        const Vector2d& p = shape->points[i];
+        if (i == 0)
+          cairo_move_to(cr, p.x(), p.y());
+        else
+          cairo_line_to(cr, p.x(), p.y());
+      }
+      if (shape->closed) cairo_close_path(cr);
+      paint(cr, shape->ink);
+    } else if (const auto* circle = std::get_if<Figure::Circle>(&part)) {
+      cairo_arc(cr, circle->centre.x(), circle->centre.y(), circle->radius, 0.0, 2.0 * std::acos(-1.0));
+      paint(cr, circle->ink);
+    } else if (const auto* text = std::get_if<Figure::Text>(&part)) {
+      draw_text(cr, text->place, text->words, text->size, text->anchor);
+    }
+  }
+}
+
+/// Words broken into lines of at most so many letters.
+std::vector<std::string> lines_of(const std::string& words, std::size_t most) {
+  std::vector<std::string> lines(1);
+  std::size_t at = 0;
+  while (at < words.size()) {
+    std::size_t end = words.find(' ', at);
+    if (end == std::string::npos) end = words.size();
+    const std::string word = words.substr(at, end - at);
+    if (!lines.back().empty() && lines.back().size() + 1 + word.size() > most) lines.emplace_back();
+    lines.back() += (lines.back().empty() ? "" : " ") + word;
+    at = end + 1;
+  }
+  return lines;
+}
+
+}  // namespace
+
+Figure::Figure(std::string title, double width, double height)
+    : title_(std::move(title)), width_(width), height_(height) {}
+
+void Figure::shape(std::vector<Vector2d> points, bool closed, const Ink& ink) {
+  parts_.emplace_back(Shape{std::move(points), closed, ink});
+}
+void Figure::line(const Vector2d& from, const Vector2d& to, const Ink& ink) { shape({from, to}, false, ink); }
+void Figure::circle(const Vector2d& centre, double radius, const Ink& ink) {
+  parts_.emplace_back(Circle{centre, radius, ink});
+}
+void Figure::rectangle(const Vector2d& corner, double width, double height, const Ink& ink) {
+  shape({corner, corner + Vector2d(width, 0), corner + Vector2d(width, height), corner + Vector2d(0, height)}, true,
+        ink);
+}
+void Figure::text(const Vector2d& place, const std::string& words, double size, double anchor) {
+  parts_.emplace_back(Text{place, words, size, anchor});
+}
+
+std::string Figure::svg() const {
+  Svg svg(width_, height_);
+  for (const Part& part : parts_) {
+    if (const auto* shape = std::get_if<Shape>(&part)) {
+      if (shape->closed)
+        svg.polygon(shape->points, style_of(shape->ink));
+      else
+        svg.polyline(shape->points, style_of(shape->ink));
+    } else if (const auto* circle = std::get_if<Circle>(&part)) {
+      svg.circle(circle->centre, circle->radius, style_of(circle->ink));
+    } else if (const auto* text = std::get_if<Text>(&part)) {
+      svg.text(text->place, text->words, text->size,
+               text->anchor < 0.25   ? "start"
+               : text->anchor < 0.75 ? "middle"
+                                     : "end",
+               "fill:#1a1a1a");
+    }
+  }
+  return svg.text();
+}
+
+Vector2d Axes::operator()(const Vector2d& value) const {
+  const Vector2d share = (value - least).cwiseQuotient(most - least);
+  return corner + Vector2d(share.x() * width, (y_down ? share.y() : 1.0 - share.y()) * height);
+}
+
+void Axes::draw(Figure& figure, const std::string& x_label, const std::string& y_label) const {
+  const Ink frame{-1, 0x808080, 1.0, 1.0};
+  figure.rectangle(corner, width, height, frame);
+  for (const double tick : axis_ticks(least.x(), most.x(), 6)) {
+    const double x = (*this)({tick, least.y()}).x();
+    figure.line({x, corner.y() + height}, {x, corner.y() + height + 4}, frame);
+    figure.text({x, corner.y() + height + 16}, plain(tick, 3), 10.0, 0.5);
+  }
+  for (const double tick : axis_ticks(least.y(), most.y(), 5)) {
+    const double y = (*this)({least.x(), tick}).y();
+    figure.line({corner.x() - 4, y}, {corner.x(), y}, frame);
+    figure.text({corner.x() - 7, y + 4}, plain(tick, 3), 10.0, 1.0);
+  }
+  figure.text({corner.x() + 0.5 * width, corner.y() + height + 31}, x_label, 11.0, 0.5);
+  figure.text({corner.x() - 45, corner.y() - 8}, y_label, 11.0);
+}
+
+std::string to_html(const Report& report) {
+  std::string page =
+      "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><title>" + escaped(report.title) +
+      "</title>\n<style>body{font-family:sans-serif;max-width:1000px;margin:1.5em auto;padding:0 1em;color:#1a1a1a}"
+      ".good,.bad{padding:.6em 1em;border-left:8px solid}.good{background:#e6f4e6;border-color:#2a7a2a}"
+      ".bad{background:#fbe9e7;border-color:#b3261e}table{border-collapse:collapse;font-size:.85em}"
+      "td,th{border:1px solid #ccc;padding:.15em .5em;text-align:left}figure{display:inline-block;margin:.5em;"
+      "vertical-align:top;width:470px;max-width:100%}figcaption{font-weight:bold;font-size:.9em}svg{width:100%}</style>"
+      "</head>\n<body>\n<h1>" +
+      escaped(report.title) + "</h1>\n<div class=\"" + (report.good ? "good" : "bad") + "\">";
+  for (const std::string& sentence : report.verdict) page += "<p>" + escaped(sentence) + "</p>";
+  page += "</div>\n";
+  for (const std::string& sentence : report.sentences) page += "<p>" + escaped(sentence) + "</p>\n";
+  for (const Figure& figure : report.figures)
+    page += "<figure><figcaption>" + escaped(figure.title()) + "</figcaption>" + figure.svg() + "</figure>\n";
+  for (const Report::Table& table : report.tables) {
+    page += "<h2>" + escaped(table.title) + "</h2>\n<table>\n";
+    for (std::size_t i = 0; i < table.rows.size(); ++i) {
+      page += "<tr>";
+      const std::string cell = i == 0 ? "th" : "td";
+      for (const std::string& words : table.rows[i]) page += "<" + cell + ">" + escaped(words) + "</" + cell + ">";
+      page += "</tr>\n";
+    }
+    page += "</table>\n";
+  }
+  return page + "</body></html>\n";
+}
+
+void to_pdf(const Report& report, const std::filesystem::path& file) {
+  constexpr double width = 595.0;  // A4 in points
+  constexpr double height = 842.0;
+  constexpr double margin = 40.0;
+  cairo_surface_t* surface = cairo_pdf_surface_create(file.string().c_str(), width, height);
+  cairo_t* cr = cairo_create(surface);
+  cairo_select_font_face(cr, "sans-serif", CAIRO_FONT_SLANT_NORMAL, CAIRO_FONT_WEIGHT_NORMAL);
+  double y = margin + 14.0;
+  const auto room = [&](double needed) {
+    if (y + needed < height - margin) return;
+    cairo_show_page(cr);
+    y = margin + 14.0;
+  };
+  const auto paragraph = [&](const std::string& words, double size) {
+    for (const std::string& line : lines_of(words, static_cast<std::size_t>(1000.0 / size))) {
+      room(1.3 * size);
+      draw_text(cr, {margin, y}, line, size, 0.0);
+      y += 1.35 * size;
+    }
+    y += 0.4 * size;
+  };
+  paragraph(report.title, 16.0);
+  for (const std::string& sentence : report.verdict) {
+    room(30.0);
+    set_colour(cr, report.good ? 0x2a7a2a : 0xb3261e, 1.0);
+    cairo_rectangle(cr, margin - 10.0, y - 10.0, 4.0, 14.0);
+    cairo_fill(cr);
+    paragraph(sentence, 11.0);
+  }
+  for (const std::string& sentence : report.sentences) paragraph(sentence, 10.0);
+  // Figures two beside each other.
+  constexpr double column = (width - 2.0 * margin - 15.0) / 2.0;
+  double tallest = 0.0;
+  for (std::size_t i = 0; i < report.figures.size(); ++i) {
+    const Figure& figure = report.figures[i];
+    const double scale = column / figure.width();
+    const double tall = figure.height() * scale + 18.0;
+    if (i % 2 == 0) {
+      tallest = tall;
+      if (i + 1 < report.figures.size())
+        tallest = std::max(tallest, report.figures[i + 1].height() * column / report.figures[i + 1].width() + 18.0);
+      room(tallest);
+    }
+    const double x = margin + (i % 2 == 0 ? 0.0 : column + 15.0);
+    draw_text(cr, {x, y}, figure.title(), 9.0, 0.0);
+    cairo_save(cr);
+    cairo_translate(cr, x, y + 4.0);
+    cairo_scale(cr, scale, scale);
+    draw(cr, figure);
+    cairo_restore(cr);
+    if (i % 2 == 1 || i + 1 == report.figures.size()) y += tallest;
+  }
+  y += 10.0;
+  for (const Report::Table& table : report.tables) {
+    room(60.0);
+    paragraph(table.title, 12.0);
+    std::vector<std::size_t> widths;
+    for (const auto& row : table.rows)
+      for (std::size_t i = 0; i < row.size(); ++i) {
+        if (i >= widths.size()) widths.push_back(0);
+        widths[i] = std::max(widths[i], std::min<std::size_t>(60, row[i].size()));
+      }
+    std::size_t sum = 0;
+    for (const std::size_t letters : widths) sum += letters + 2;
+    for (const auto& row : table.rows) {
+      room(11.0);
+      double x = margin;
+      for (std::size_t i = 0; i < row.size(); ++i) {
+        const double share = (width - 2.0 * margin) * static_cast<double>(widths[i] + 2) / static_cast<double>(sum);
+        cairo_save(cr);
+        cairo_rectangle(cr, x, y - 10.0, share, 14.0);
+        cairo_clip(cr);
+        draw_text(cr, {x, y}, row[i], 7.5, 0.0);
+        cairo_restore(cr);
+        x += share;
+      }
+      y += 10.5;
+    }
+  }
+  cairo_destroy(cr);
+  cairo_surface_finish(surface);
+  const cairo_status_t status = cairo_surface_status(surface);
+  cairo_surface_destroy(surface);
+  if (status != CAIRO_STATUS_SUCCESS)
+    throw Failure(ExitCode::usage, file.string() + ": " + cairo_status_to_string(status));
+}
+
+}  // namespace tagdock
