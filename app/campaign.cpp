@@ -88,6 +88,14 @@ class RecordReader {
                     where_ + ": field " + std::to_string(column + 1) + " is '" + text + "'; it must be a number");
     return value;
   }
+  /// Empty where the column is missing or empty.
+  [[nodiscard]] std::string optional_word(std::size_t column) const {
+    return column < fields_.size() ? fields_[column] : std::string();
+  }
+  [[nodiscard]] std::optional<double> optional_number(std::size_t column) const {
+    if (optional_word(column).empty()) return std::nullopt;
+    return number(column);
+  }
   [[nodiscard]] std::optional<Pose2> pose(std::size_t column) const {
     if (column >= fields_.size() || fields_[column].empty()) return std::nullopt;
     return Pose2{number(column), number(column + 1), number(column + 2)};
@@ -104,13 +112,15 @@ bool same_outcome(const RunRecord& a, const RunRecord& b) { return line(a) == li
 
 std::string runs_header() {
   return "seed,scenario,result,reason,true_x,true_y,true_yaw,estimated_x,estimated_y,estimated_yaw,duration_s,attempts,"
-         "stop_latency_ms,sigma_x,sigma_y,sigma_yaw";
+         "stop_latency_ms,sigma_x,sigma_y,sigma_yaw,fault,fault_to_zero_ms,fault_to_stand_ms";
 }
 
 std::string line(const RunRecord& record) {
   return std::to_string(record.seed) + "," + record.scenario + "," + record.result + "," + record.reason +
          pose_fields(record.true_error) + pose_fields(record.estimated) + "," + digits(record.duration_s) + "," +
-         std::to_string(record.attempts) + "," + digits(record.stop_latency_ms) + pose_fields(record.sigma);
+         std::to_string(record.attempts) + "," + digits(record.stop_latency_ms) + pose_fields(record.sigma) + "," +
+         record.fault + "," + (record.fault_to_zero_ms ? digits(*record.fault_to_zero_ms) : "") + "," +
+         (record.fault_to_stand_ms ? digits(*record.fault_to_stand_ms) : "");
 }
 
 std::vector<RunRecord> read_runs(const std::filesystem::path& file) {
@@ -139,16 +149,35 @@ std::vector<RunRecord> read_runs(const std::filesystem::path& file) {
     record.attempts = static_cast<int>(reader.number(11));
     record.stop_latency_ms = reader.number(12);
     record.sigma = reader.pose(13);
+    record.fault = reader.optional_word(16);
+    record.fault_to_zero_ms = reader.optional_number(17);
+    record.fault_to_stand_ms = reader.optional_number(18);
     records.push_back(std::move(record));
   }
   return records;
 }
 
 std::string campaign_text(const RunSettings& settings) {
-  return std::string("version: 1\nprogram: \"tagdock " TAGDOCK_VERSION "\"\nstrategy: ") +
-         (settings.strategy == Strategy::servo ? "servo" : "paper") + "\nteach: " + (settings.teach ? "on" : "off") +
-         "\nimages: " + (settings.images ? "on" : "off") + "\nscenario_name: \"" + settings.scenario.name + "\"\n" +
-         to_yaml(settings.config) + "# scenario file\n" + settings.scenario_text;
+  const auto line = [](const std::string& key, const std::string& value) { return key + ": \"" + value + "\"\n"; };
+  const std::string law = settings.strategy == Strategy::paper                  ? "open"
+                          : settings.config.docking.servo.law == ServoLaw::line ? "line"
+                                                                                : "centering";
+  return "version: 1\n" + line("program", "tagdock " TAGDOCK_VERSION) +
+         line("strategy", settings.strategy == Strategy::servo ? "servo" : "paper") + line("law", law) +
+         line("scenario_name", settings.scenario.name) + line("start", settings.start_name) +
+         line("rig_name", settings.rig_name) + line("board_name", settings.board_name) +
+         line("corners", settings.images ? std::string(word(settings.config.locator.method)) : settings.corners_name) +
+         line("teach", settings.teach ? "on" : "off") + line("images", settings.images ? "on" : "off") +
+         line("limits_lifted", settings.limits_lifted ? "yes" : "no") + "# corner errors\n" +
+         to_yaml(settings.corner_errors) + to_yaml(settings.config) + "# scenario file\n" + settings.scenario_text;
+}
+
+std::string campaign_value(const std::string& text, const std::string& key) {
+  const std::string begin = "\n" + key + ": \"";
+  const std::size_t at = text.find(begin);
+  if (at == std::string::npos) return "";
+  const std::size_t from = at + begin.size();
+  return text.substr(from, text.find('"', from) - from);
 }
 
 std::vector<RunRecord> run_campaign(const RunSettings& settings, const CampaignShare& share,

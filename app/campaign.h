@@ -28,6 +28,10 @@ std::vector<RunRecord> read_runs(const std::filesystem::path& file);
 /// Everything that decides what a run comes to, as YAML: two campaigns with the same text may be joined.
 std::string campaign_text(const RunSettings& settings);
 
+/// What such a text says of a key: strategy, law, scenario_name, start, rig_name, board_name, corners, teach, images or
+/// limits_lifted; empty if it does not.
+std::string campaign_value(const std::string& text, const std::string& key);
+
 /// Runs what is missing in `folder` and gives all its records by rising seed. Each record is on disk before the next
 /// one of the same job begins; so a campaign that was killed goes on where it was.
 /// Throws Failure(usage): the folder holds another campaign, or cannot be written.
