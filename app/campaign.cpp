@@ -17,6 +17,7 @@ namespace {
 
 constexpr const char* runs_file = "runs.csv";
 constexpr const char* campaign_file = "campaign.yaml";
+constexpr const char* traces_folder = "traces";
 
 std::string digits(double value) {
   char text[32];
@@ -168,6 +169,7 @@ std::string campaign_text(const RunSettings& settings) {
          line("rig_name", settings.rig_name) + line("board_name", settings.board_name) +
          line("corners", settings.images ? std::string(word(settings.config.locator.method)) : settings.corners_name) +
          line("teach", settings.teach ? "on" : "off") + line("images", settings.images ? "on" : "off") +
+         line("focal_length_px", digits(settings.config.rig.camera.fx)) +
          line("limits_lifted", settings.limits_lifted ? "yes" : "no") + "# corner errors\n" +
          to_yaml(settings.corner_errors) + to_yaml(settings.config) + "# scenario file\n" + settings.scenario_text;
 }
@@ -183,7 +185,7 @@ std::string campaign_value(const std::string& text, const std::string& key) {
 std::vector<RunRecord> run_campaign(const RunSettings& settings, const CampaignShare& share,
                                     const std::filesystem::path& folder,
                                     const std::function<void(int done, int wanted)>& progress) {
-  make_folder(folder);
+  make_folder(folder / traces_folder);
   const std::string text = campaign_text(settings);
   std::map<std::uint64_t, RunRecord> done;
   if (std::filesystem::exists(folder / campaign_file)) {
@@ -214,8 +216,11 @@ std::vector<RunRecord> run_campaign(const RunSettings& settings, const CampaignS
   const auto work = [&] {
     for (std::size_t i = next++; i < missing.size(); i = next++) {
       try {
-        RunRecord record = run_once(settings, missing[i]);
+        const bool traced = missing[i] - share.first_seed < traced_runs;
+        RunTrace trace;
+        RunRecord record = run_once(settings, missing[i], traced ? &trace : nullptr);
         const std::lock_guard lock(mutex);
+        if (traced) write_trace(folder / traces_folder / (std::to_string(missing[i]) + ".csv"), trace);
         stream << line(record) << "\n" << std::flush;
         if (!stream)
           throw Failure(ExitCode::usage, (folder / runs_file).string() + ": cannot be written (is the disk full?)");
@@ -241,6 +246,16 @@ std::vector<RunRecord> run_campaign(const RunSettings& settings, const CampaignS
   return records;
 }
 
+std::vector<RunTrace> read_traces(const std::filesystem::path& folder) {
+  std::vector<std::filesystem::path> files;
+  if (std::filesystem::is_directory(folder / traces_folder))
+    for (const auto& file : std::filesystem::directory_iterator(folder / traces_folder)) files.push_back(file.path());
+  std::sort(files.begin(), files.end());
+  std::vector<RunTrace> traces;
+  for (const std::filesystem::path& file : files) traces.push_back(read_trace(file));
+  return traces;
+}
+
 std::vector<RunRecord> join_campaigns(const std::vector<std::filesystem::path>& shards,
                                       const std::filesystem::path& folder) {
   std::map<std::uint64_t, RunRecord> joined;
@@ -261,8 +276,13 @@ std::vector<RunRecord> join_campaigns(const std::vector<std::filesystem::path>& 
                                            " has another outcome than in an earlier folder");
     }
   }
-  make_folder(folder);
+  make_folder(folder / traces_folder);
   write(folder / campaign_file, text);
+  for (const std::filesystem::path& shard : shards)
+    if (std::filesystem::is_directory(shard / traces_folder))
+      for (const auto& trace : std::filesystem::directory_iterator(shard / traces_folder))
+        std::filesystem::copy_file(trace.path(), folder / traces_folder / trace.path().filename(),
+                                   std::filesystem::copy_options::overwrite_existing);
   std::vector<RunRecord> records;
   for (auto& [seed, record] : joined) records.push_back(std::move(record));
   write_runs(folder, records);

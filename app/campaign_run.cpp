@@ -22,8 +22,9 @@ constexpr nanoseconds longest_run = std::chrono::seconds(600);
 // The world of one run with what the robot gets of it: sightings as they arrive, odometry, and nothing else.
 class Run {
  public:
-  Run(const RunSettings& settings, std::uint64_t seed)
+  Run(const RunSettings& settings, std::uint64_t seed, RunTrace* trace = nullptr)
       : settings_(settings),
+        trace_(trace),
         world_(obeying(settings), settings.config.rig, settings.config.board, seed),
         model_(settings.config.rig, settings.config.board, settings.config.locator, settings.corner_errors, seed),
         fault_draw_(Draws(seed, fault_purpose).even()) {
@@ -51,11 +52,13 @@ class Run {
       last_frame_ = frame->exposed;
       tick.frame_time = frame->exposed;
       if (settings_.images)
-        tick.sighting = locator_->locate({world_.render(frame->exposed).gray, frame->exposed, frame->number},
-                                         predicted_view(frame->exposed));
+        tick.sighting = locator_->locate(
+            {world_.render(frame->exposed, RenderedRows::with_tags).gray, frame->exposed, frame->number},
+            predicted_view(frame->exposed));
       else
         tick.sighting = model_.look(world_, frame->number, frame->exposed, predicted_view(frame->exposed));
     }
+    if (tick.sighting) trace_sighting(*tick.sighting);
     return tick;
   }
 
@@ -66,6 +69,7 @@ class Run {
     now_ += step;
     world_.advance(now_);
     note_rest();
+    trace_moment();
     break_what_breaks();
   }
 
@@ -119,7 +123,25 @@ class Run {
     broken_at_ = now_;
   }
 
+  void trace_moment() {
+    constexpr nanoseconds between = milliseconds(100);
+    if (trace_ == nullptr || (!trace_->empty() && now_ < traced_ + between)) return;
+    traced_ = now_;
+    trace_->push_back({std::chrono::duration<double>(now_).count(), world_.T_station_camera_point(), {}, {}});
+  }
+
+  void trace_sighting(const Sighting& sighting) {
+    const BoardSighting* board = std::get_if<BoardSighting>(&sighting);
+    if (trace_ == nullptr || board == nullptr) return;
+    const Rig& rig = settings_.config.rig;
+    const PlanarSighting planar = planar_sighting(rig, board->time, board->T_camera_station, board->covariance, 0.0);
+    trace_->push_back({std::chrono::duration<double>(now_).count(), world_.T_station_camera_point(),
+                       board->reprojection_rms_px, planar.T_station_base * camera_point(rig)});
+  }
+
   const RunSettings& settings_;
+  RunTrace* trace_;  ///< null: nobody wants it
+  nanoseconds traced_{0};
   World world_;
   std::optional<TagLocator> locator_;  ///< with images
   SightingModel model_;
@@ -142,8 +164,8 @@ std::string one_field(std::string text) {
   return text;
 }
 
-RunRecord run_servo(const RunSettings& settings, std::uint64_t seed) {
-  Run run(settings, seed);
+RunRecord run_servo(const RunSettings& settings, std::uint64_t seed, RunTrace* trace) {
+  Run run(settings, seed, trace);
   RunRecord record;
   DockingConfig docking = settings.config.docking;
   if (settings.teach) {
@@ -207,9 +229,9 @@ DockingPlanConfig paper_plan() {
   return plan;
 }
 
-RunRecord run_paper(const RunSettings& settings, std::uint64_t seed) {
+RunRecord run_paper(const RunSettings& settings, std::uint64_t seed, RunTrace* trace) {
   constexpr std::size_t sightings_at_start = 20;
-  Run run(settings, seed);
+  Run run(settings, seed, trace);
   RunRecord record;
   // The marker-centring position: one pose, from the mean of what was seen at standstill.
   PoseFilter filter(settings.config.rig, settings.config.docking.filter);
@@ -304,8 +326,9 @@ Board single_tag_board(double height) {
   return board;
 }
 
-RunRecord run_once(const RunSettings& settings, std::uint64_t seed) {
-  RunRecord record = settings.strategy == Strategy::servo ? run_servo(settings, seed) : run_paper(settings, seed);
+RunRecord run_once(const RunSettings& settings, std::uint64_t seed, RunTrace* trace) {
+  RunRecord record =
+      settings.strategy == Strategy::servo ? run_servo(settings, seed, trace) : run_paper(settings, seed, trace);
   record.seed = seed;
   record.scenario = settings.scenario.name;
   return record;

@@ -5,6 +5,7 @@
 #include <string>
 
 #include "app/config.h"
+#include "app/run_trace.h"
 #include "app/simulation/scenario.h"
 #include "app/simulation/sighting_model.h"
 
@@ -54,7 +55,8 @@ struct RunRecord {
 };
 
 /// One docking in a world of its own. The same settings and seed give the same record to the last bit.
-RunRecord run_once(const RunSettings& settings, std::uint64_t seed);
+/// @param trace  receives the way, if given
+RunRecord run_once(const RunSettings& settings, std::uint64_t seed, RunTrace* trace = nullptr);
 
 /// The docking pose as a robot measures it that stands exactly there, in the same world as the run of that seed but
 /// before somebody moves the dock or touches the camera. None if it does not see the board well enough from there.

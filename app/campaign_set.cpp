@@ -52,6 +52,11 @@ std::vector<SetMember> scenario_set(const SetWish& wish) {
         const bool only_images = !wish.common.images && one.images;
         members.push_back({name, settings_of(one), only_images ? std::min(wish.runs, wish.image_runs) : wish.runs});
       }
+      // The straight way, open loop, once more with the servo's board: tells apart what path, board and loop give.
+      if (paper && scenario.name == "straight_start" && one.board.empty()) {
+        one.board = "v_convex_centre";
+        members.push_back({"straight_start-paper-v_convex_centre", settings_of(one), wish.runs});
+      }
     }
   }
   return members;
@@ -93,7 +98,8 @@ std::vector<SetResult> run_set(const std::vector<SetMember>& members, const Camp
                                                   [&](int done, int) { progress(before + done, wanted); });
     before += wanted_here(member);
     Evaluation evaluation = evaluate(records);
-    results.push_back({member.name, campaign_text(member.settings), std::move(records), std::move(evaluation)});
+    results.push_back({member.name, campaign_text(member.settings), std::move(records), std::move(evaluation),
+                       read_traces(folder / member.name)});
   }
   return results;
 }
@@ -116,7 +122,8 @@ std::vector<SetResult> join_sets(const std::vector<std::filesystem::path>& shard
     for (const std::filesystem::path& shard : shards) parts.push_back(shard / name);
     std::vector<RunRecord> records = join_campaigns(parts, folder / name);
     Evaluation evaluation = evaluate(records);
-    results.push_back({name, contents(folder / name / campaign_file), std::move(records), std::move(evaluation)});
+    results.push_back({name, contents(folder / name / campaign_file), std::move(records), std::move(evaluation),
+                       read_traces(folder / name)});
   }
   return results;
 }

@@ -24,6 +24,7 @@ struct SetResult {
   std::string campaign;  ///< its campaign.yaml
   std::vector<RunRecord> records;
   Evaluation evaluation;
+  std::vector<RunTrace> traces;
 
   /// As `campaign_value`.
   [[nodiscard]] std::string value(const std::string& key) const { return campaign_value(campaign, key); }
@@ -38,8 +39,9 @@ struct SetWish {
   int image_runs = 20;  ///< of scenarios that only images show
 };
 
-/// Scenario x strategy x rig, in this order. The paper's strategy starts where the paper did, except in scenarios whose
-/// start is their point (not the default's range and bearing).
+/// Scenario x strategy x rig, in this order, and the straight start open loop with the servo's board, too. The paper's
+/// strategy starts where the paper did, except in scenarios whose start is their point (not the default's range and
+/// bearing).
 std::vector<SetMember> scenario_set(const SetWish& wish);
 
 /// Path x law x board x corners on the same seeds: the paper's start and the straight one; open loop, ViSP's centering,

@@ -115,7 +115,14 @@ RunSettings settings_of(const CampaignWish& wish) {
   settings.corners_name = !wish.corners.empty() ? wish.corners
                           : paper               ? "paper"
                                                 : std::string(word(config.locator.method));
-  settings.corner_errors = corner_errors(settings.corners_name);
+  const std::vector<std::string>& measured = corner_error_names();
+  if (wish.corners.empty() && !wish.images &&
+      std::find(measured.begin(), measured.end(), settings.corners_name) == measured.end())
+    throw Failure(ExitCode::usage, "--method " + settings.corners_name +
+                                       ": its corner errors were not measured; give --images on, or --corners FILE of "
+                                       "`tagdock evaluate corner-errors --method " +
+                                       settings.corners_name + "`");
+  settings.corner_errors = corner_errors(wish.images && wish.corners.empty() ? "tanh" : settings.corners_name);
   if (!wish.scenario.empty()) config.simulation.scenario = wish.scenario;
   const std::string& scenario = config.simulation.scenario;
   if (!scenario.empty()) {

@@ -10,6 +10,7 @@
 #include <unistd.h>
 
 #include "app/campaign_set.h"
+#include "app/evaluate_measurements.h"
 #include "app/evaluation_report.h"
 #include "app/failure.h"
 #include "app/set_report.h"
@@ -108,8 +109,14 @@ nlohmann::ordered_json write_results(const std::filesystem::path& folder, const 
   const RunSettings settings = settings_told(campaign);
   const nlohmann::ordered_json json = to_json(evaluation, settings);
   write(folder / "summary.json", json.dump(2) + "\n");
+  FigureData data;
+  data.name = settings.strategy == Strategy::servo ? "servo" : "paper's strategy";
+  data.style = settings.strategy == Strategy::servo ? "#2b6cb0" : "#c53030";
+  data.records = records;
+  data.traces = read_traces(folder);
+  data.focal_length_px = std::atof(campaign_value(campaign, "focal_length_px").c_str());
   write(folder / "report.html",
-        to_html(evaluation, records,
+        to_html(evaluation, data,
                 std::string("tagdock evaluate: ") + (settings.strategy == Strategy::servo ? "servo" : "paper") +
                     ", scenario " + settings.scenario.name,
                 campaign));
@@ -269,6 +276,7 @@ void add_evaluate(CLI::App& program, Action& action) {
       "  tagdock evaluate --runs 1000 --strategy both --scenario all --output everything\n"
       "  tagdock evaluate --runs 200 --ablation --output ablation\n"
       "  tagdock evaluate --runs 20 --images on --output seen");
+  add_measurements(*verb, action);
   verb->callback([options, verb, &action] {
     if (!verb->get_subcommands().empty()) return;  // it has an action of its own
     action = [options] { return evaluate_campaign(*options); };

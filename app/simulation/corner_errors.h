@@ -21,8 +21,9 @@ struct CornerErrors {
   [[nodiscard]] double at(const std::vector<double>& values, double side) const;
 };
 
-/// Words that `corner_errors` knows: the corner methods, as measured; `paper`, the noise that explains the paper's pose
-/// errors (0.10 px, and 0.05 px lasting; notes on docking, 4.5); `poor`, 0.3 px and 0.2 px lasting.
+/// Words that `corner_errors` knows: the corner methods tanh, apriltag and best, as measured (data/corner_errors);
+/// `paper`, the noise that explains the paper's pose errors (0.10 px, and 0.05 px lasting; notes on docking, 4.5);
+/// `poor`, 0.3 px and 0.2 px lasting.
 const std::vector<std::string>& corner_error_names();
 
 /// By one of those words or from a file as `to_yaml` writes it.

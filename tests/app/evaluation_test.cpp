@@ -5,11 +5,15 @@
 
 #include <catch2/catch.hpp>
 
+#include "app/accuracy_map.h"
 #include "app/campaign_set.h"
+#include "app/corner_measurement.h"
 #include "app/failure.h"
 #include "app/rig_file.h"
 #include "app/set_report.h"
 #include "app/simulation/draws.h"
+#include "app/tracker.h"
+#include "detection/tag_locator.h"
 
 using namespace tagdock;
 using Catch::Matchers::Contains;
@@ -191,6 +195,29 @@ TEST_CASE("what the robot believes of its instruments does not come from the wor
   CHECK(driven(servo.config) == driven(other));
 }
 
+TEST_CASE("rows with tags are the same bytes whether or not the others are made") {
+  const RunSettings servo = settings("servo");
+  const World world = standing_world(servo, 2.2, radians(5.0));
+  const Rendering whole = world.render(milliseconds(60));
+  const Rendering band = world.render(milliseconds(60), RenderedRows::with_tags);
+  int made = 0;
+  for (int y = 0; y < whole.gray.rows; ++y) {
+    const cv::Mat1b row = band.gray.row(y);
+    if (cv::countNonZero(row) == 0) continue;
+    ++made;
+    CHECK(cv::norm(row, whole.gray.row(y), cv::NORM_INF) == 0.0);
+  }
+  CHECK(made > 0.15 * whole.gray.rows);
+  CHECK(made < 0.5 * whole.gray.rows);
+  const TagLocator locator(servo.config.rig, servo.config.board, servo.config.locator);
+  const Sighting from_whole = locator.locate({whole.gray, milliseconds(60), 1}, std::nullopt);
+  const Sighting from_band = locator.locate({band.gray, milliseconds(60), 1}, std::nullopt);
+  REQUIRE(std::holds_alternative<BoardSighting>(from_whole));
+  REQUIRE(std::holds_alternative<BoardSighting>(from_band));
+  CHECK(std::get<BoardSighting>(from_whole)
+            .T_camera_station.isApprox(std::get<BoardSighting>(from_band).T_camera_station, 1e-12));
+}
+
 TEST_CASE("numbers along the way are the same however they are asked for") {
   Draws all(7, 1);
   std::vector<double> numbers;
@@ -243,6 +270,118 @@ TEST_CASE("corner errors read back as written, and refuse what cannot be") {
   std::ofstream(folder / "errors.yaml") << text;
   CHECK_THROWS_WITH(corner_errors((folder / "errors.yaml").string()), Contains("noise_px"));
   CHECK_THROWS_AS(corner_errors("no_such_word"), Failure);
+}
+
+TEST_CASE("the corner errors that campaigns draw are those that were measured, and can be measured again") {
+  for (const std::string method : {"tanh", "apriltag", "best"}) {
+    CAPTURE(method);
+    const CornerErrors shipped = corner_errors("data/corner_errors/" + method + ".yaml");
+    const CornerErrors built = corner_errors(method);
+    CHECK(built.side_px == shipped.side_px);
+    CHECK(built.noise_px == shipped.noise_px);
+    CHECK(built.bias_px == shipped.bias_px);
+    CHECK(built.noise_per_blur_px == shipped.noise_per_blur_px);
+    CHECK(built.claimed_share == shipped.claimed_share);
+  }
+  CornerMeasurementWish wish;
+  wish.distances = {2.0};
+  wish.poses = 3;
+  wish.frames = 3;
+  wish.seed = 17;  // other frames than those that were measured
+  const std::vector<CornerMeasurement> again = measure_corners(wish, [](int, int) {});
+  REQUIRE(again.size() == 1);
+  CHECK(again.front().missed == 0);
+  // 3 poses, 3 tags, 8 coordinates, 2 degrees of freedom: a sigma to 6 %; three of those. A bias, one number a
+  // coordinate: to 8 %.
+  CHECK(again.front().noise_px == Approx(corner_errors("tanh").noise_at(again.front().side_px)).epsilon(0.2));
+  CHECK(again.front().bias_px == Approx(corner_errors("tanh").bias_at(again.front().side_px)).epsilon(0.25));
+}
+
+TEST_CASE("what a tracker saw is brought to the robot's clock and frames") {
+  // A robot that drives an S; the tracker has its own clock, frame and place on the robot.
+  const Pose2 T_tracker_station{3.0, -1.5, 0.7};
+  const Pose2 T_base_body{0.31, 0.04, radians(-1.5)};
+  constexpr double offset = 12.34;  // session time less tracker time
+  TrackedWay tracked;
+  Pose2 T_station_base{-4.0, 0.3, -0.1};
+  const Pose2 start = T_station_base;
+  Draws draws(3, 1);
+  for (int i = 0; i < 800; ++i) {
+    const double time = 0.02 * i;
+    const double speed = time < 1.0 || time > 14.0 ? 0.0 : 0.2;
+    const double turn_rate = speed == 0.0 ? 0.0 : 0.3 * std::sin(0.6 * time);
+    T_station_base = T_station_base * Pose2{0.02 * speed, 0.0, 0.02 * turn_rate};
+    tracked.way.odometry.push_back(
+        {nanoseconds(std::llround(1e9 * time)), inverse(start) * T_station_base, {speed, turn_rate}});
+    tracked.way.estimates.push_back({time, T_station_base});
+    const Pose2 body = T_tracker_station * T_station_base * T_base_body;
+    // 0.2 mm and 0.01 degrees of the tracker's own.
+    tracked.tracker.push_back(
+        {time - offset,
+         {body.x + 2e-4 * draws.normal(), body.y + 2e-4 * draws.normal(), body.yaw + radians(0.01) * draws.normal()}});
+  }
+  tracked.clock = align_clocks(tracked.tracker, tracked.way.odometry);
+  CHECK(tracked.clock.seconds == Approx(offset).margin(0.005));  // 1 mm at 0.2 m/s
+  CHECK(tracked.clock.correlation > 0.95);
+  for (const bool surveyed : {false, true}) {
+    CAPTURE(surveyed);
+    const TrackerFit fit =
+        fit_frames({tracked}, surveyed ? std::optional(T_tracker_station) : std::nullopt, std::nullopt);
+    CHECK(fit.station_fitted == !surveyed);
+    CHECK(fit.frames.T_base_body.x == Approx(T_base_body.x).margin(0.002));
+    CHECK(fit.frames.T_base_body.yaw == Approx(T_base_body.yaw).margin(radians(0.1)));
+    const std::optional<Pose2> rest = tracked_base(tracked, fit.frames, 15.98);
+    REQUIRE(rest);
+    CHECK(rest->x == Approx(T_station_base.x).margin(0.001));
+    CHECK(rest->y == Approx(T_station_base.y).margin(0.001));
+    CHECK(rest->yaw == Approx(T_station_base.yaw).margin(radians(0.05)));
+  }
+  // Of another docking: refused.
+  std::vector<TrackerReading> other = tracked.tracker;
+  Draws wild(9, 1);
+  for (TrackerReading& reading : other) reading.T_tracker_body.yaw += wild.normal();
+  CHECK_THROWS_AS(align_clocks(other, tracked.way.odometry), Failure);
+}
+
+TEST_CASE("a tracker file that cannot be is refused with its line") {
+  const Folder folder;
+  const auto refusal = [&](const std::string& text) {
+    std::ofstream(folder / "t.csv") << text;
+    try {
+      (void)read_tracker(folder / "t.csv");
+    } catch (const Failure& failure) {
+      return std::string(failure.what());
+    }
+    return std::string("not refused");
+  };
+  CHECK_THAT(refusal("time_s,x,y\n0,0,0\n"), Contains(":1:") && Contains("yaw"));
+  CHECK_THAT(refusal("time_s,x,y,yaw\n0,0,0,0\n0,0,0,0\n"), Contains(":3:"));
+  CHECK_THAT(refusal("time_s,x,y,yaw\n0,0,zero,0\n"), Contains(":2:") && Contains("zero"));
+  CHECK_THAT(refusal("time_s,x,y,yaw\n0,0,0,0\n"), Contains("fewer than 10"));
+}
+
+TEST_CASE("the map of one frame's accuracy grows with the distance, and keeps what is out of view apart") {
+  AccuracyMapWish wish;
+  wish.distances = {1.5, 4.0};
+  wish.bearings = {0.0};
+  wish.places = {0.0};
+  wish.frames = 3;
+  const std::vector<AccuracyCell> cells = measure_accuracy(wish, [](int, int) {});
+  REQUIRE(cells.size() == 2);
+  for (const AccuracyCell& cell : cells) {
+    CHECK(cell.seen == 3);
+    CHECK(cell.mirrored == 0);
+    CHECK(cell.rms().y < 0.010);            // m
+    CHECK(cell.rms().yaw < radians(0.25));  // notes on docking, 4.9: 0.06 degrees a frame with poorer corners
+  }
+  CHECK(cells[1].claimed.x > 2.0 * cells[0].claimed.x);
+  CHECK_THAT(accuracy_yaml(wish, cells), Contains("rms_heading_deg"));
+  wish.board = *board_named("one_tag", 0.35);  // half of which is out of the image at its edge
+  wish.distances = {0.5};
+  wish.places = {0.99};
+  const std::vector<AccuracyCell> none = measure_accuracy(wish, [](int, int) {});
+  CHECK(none.front().seen == 0);
+  CHECK_THAT(accuracy_html(wish, none, "t"), Contains("out of view"));
 }
 
 TEST_CASE("where something breaks on the way the robot stops within the stated time, says why and does not claim") {
