@@ -95,14 +95,16 @@ PhotometricFit fit_appearance(TagImageModel& model, std::vector<TagSample>& samp
     if (factor.info() == Eigen::Success) {
       const Eigen::VectorXd step = factor.solve(b);
       predicted = b.dot(step);
-      if (predicted < enough) {
-        fit.converged = true;
-        break;
-      }
       const TagAppearance last = model.appearance();
       TagAppearance next = last;
       for (Eigen::Index i = 0; i < step.size(); ++i) next.value[free[static_cast<std::size_t>(i)]] -= step[i];
       const bool held = hold_blur(next.value);
+      if (predicted < enough) {
+        // The last step is so short that what it leaves, by its square, needs no look at the pixels.
+        if (plausible(next.value)) model.set(next);
+        fit.converged = true;
+        break;
+      }
       if (plausible(next.value)) {
         model.set(next);
         const Equations at = equations(model, samples, nullptr);

@@ -22,6 +22,8 @@ using A = TagAppearance;
 
 /// Score above which a term is freed: chance alone passes it in 1 of 600 images.
 constexpr double score_threshold = 10.0;
+/// A term whose score is more than this share of the other's may be the one that is meant.
+constexpr double rival = 0.3;
 /// A freed term must stand this many of its sigmas from nothing.
 constexpr double significant = 3.0;
 /// The exponent of the tone curve and clipping imitate each other, and a small tag tells too little of either.
@@ -31,8 +33,9 @@ constexpr double least_side_for_tone = 30.0;
 constexpr double largest_by_noise = 5.5;
 /// Rms over robust scale of residuals: 1 for normal ones, whose ratio scatters by 2 % over a thousand pixels.
 constexpr double heavy_tails = 1.2;
-/// A step whose gain in the cost (chi-square) is less moves nothing by more than a thirtieth of its sigma.
-constexpr double enough = 1e-3;
+/// A step whose gain in the cost (chi-square) is less moves nothing by more than a fifth of its sigma; the step after
+/// it would be a square of that.
+constexpr double enough = 0.04;
 
 /// Homography from image to tag through four points, last entry 1; none if there is no such.
 std::optional<Eigen::Matrix<double, 8, 1>> homography(const std::array<Vector2, 4>& image,
@@ -139,7 +142,7 @@ class TagFit {
   [[nodiscard]] std::optional<Eigen::Matrix<double, 8, 8>> covariance();
 
  private:
-  /// Fits on a quarter of the pixels, which brings borders within hundredths of a pixel.
+  /// Fits on a share of the pixels, which brings borders within hundredths of a pixel.
   std::optional<Unrefined> approach(const Corners& coarse, const Eigen::Matrix<double, 8, 1>& start);
   /// A tag that fills a large image has more pixels than its model is exact for: every so many-th row and column do.
   [[nodiscard]] int thinning() const { return std::max(1, static_cast<int>(region_.side_px / 500.0)); }
@@ -170,13 +173,14 @@ std::optional<Unrefined> TagFit::approach(const Corners& coarse, const Eigen::Ma
   appearance.value[A::blur_xx] = appearance.value[A::blur_yy] = blur * blur;
   appearance.value[A::tone] = 1.0;
   model_.set(appearance);
-  // A small tag needs all its pixels at once. Coarse corners are off by a few tenths of a pixel.
-  const int every = region_.side_px < 45.0 ? 1 : 2 * thinning();
+  // So many rows and columns leave some hundred pixels on borders; a small tag needs all its pixels at once. Coarse
+  // corners are off by a few tenths of a pixel.
+  const int every = std::clamp(static_cast<int>(region_.side_px / 30.0), 1, 3) * thinning();
   samples_ = select_samples(gray_, model_, region_, blur, every, 0.8);
   std::vector<double> whites;
   std::vector<double> blacks;
-  for (TagSample& sample : samples_)
-    (model_.at(sample.x, sample.y, sample.view).whiteness > 0.5 ? whites : blacks).push_back(sample.grey);
+  (void)model_.equations(samples_, Sum::information);
+  for (const TagSample& sample : samples_) (sample.whiteness > 0.5F ? whites : blacks).push_back(sample.grey);
   if (samples_.size() < 40 || whites.size() < 5 || blacks.size() < 5) return Unrefined::too_few_pixels;
   const auto quartile = [](std::vector<double>& values, std::size_t quarters) {
     const auto at = values.begin() + static_cast<std::ptrdiff_t>(quarters * (values.size() - 1) / 4);
@@ -188,7 +192,7 @@ std::optional<Unrefined> TagFit::approach(const Corners& coarse, const Eigen::Ma
   model_.set(appearance);
   // Noise is not known yet; two grey levels are a guess that only sets what leaks in from beyond the print against it.
   const PixelNoise guess{4.0, 4.0, 1.0, blur, appearance.value[A::drop], region_.side_px};
-  // A quarter of the pixels errs by two of the final sigmas; a tenth of that is close enough.
+  // A ninth of the pixels errs by three of the final sigmas; a tenth of that is close enough.
   fit_ = fit_appearance(model_, samples_, free_, max_iterations_, 0.3, &guess);
   if (!std::isfinite(fit_.at.cost)) return Unrefined::did_not_converge;
   return std::nullopt;
@@ -207,11 +211,23 @@ void TagFit::ask() {
     const bool tone_allowed = quality_.clipped < most_clipped_for_tone && region_.side_px > least_side_for_tone;
     const double bleed_score = bleed_ ? 0.0 : score(fit_.at, free_, A::bleed, inflation);
     const double tone_score = tone_ || !tone_allowed ? 0.0 : score(fit_.at, free_, A::tone, inflation);
-    if (std::max(bleed_score, tone_score) < score_threshold) return;
-    (bleed_score > tone_score ? bleed_ : tone_) = true;
-    free_ = free_parameters(bleed_, tone_);
-    refit(false);
-    refit(true);
+    const double most = std::max(bleed_score, tone_score);
+    if (most < score_threshold) return;
+    const TagAppearance before = model_.appearance();
+    const auto with = [&](bool bleed, bool tone) {
+      model_.set(before);
+      bleed_ = bleed;
+      tone_ = tone;
+      free_ = free_parameters(bleed, tone);
+      refit(false);
+      refit(true);
+    };
+    // Far from the minimum each imitates the other, so both are freed then, and `forgo` takes back the one that was not
+    // meant.
+    const bool bleed = bleed_ || bleed_score > rival * most;
+    const bool tone = tone_ || tone_score > rival * most;
+    with(bleed, tone);
+    if (!fit_.converged && bleed && tone) with(true, false);
   }
 }
 
@@ -234,24 +250,25 @@ void TagFit::forgo() {
 /// Robust weights, which come after ink and tone: they would take the signs of these for outliers.
 void TagFit::reweigh() {
   robust_ = true;
-  weigh(samples_, region_.pixels, noise_.blur_px, 5.0 * quality_.scale, Weighing::tukey);
+  weigh(samples_, region_.pixels.size(), noise_.blur_px, 5.0 * quality_.scale, Weighing::tukey);
   refit(true);
-  weigh(samples_, region_.pixels, noise_.blur_px, 4.5 * quality_.spread, Weighing::tukey);
+  weigh(samples_, region_.pixels.size(), noise_.blur_px, 4.5 * quality_.spread, Weighing::tukey);
   refit(true);
   forgo();
   ask();
-  weigh(samples_, region_.pixels, noise_.blur_px, 4.5 * quality_.spread, Weighing::all_or_nothing);
+  weigh(samples_, region_.pixels.size(), noise_.blur_px, 4.5 * quality_.spread, Weighing::all_or_nothing);
   refit(true);
 }
 
 std::optional<Unrefined> TagFit::run(const Corners& coarse, const Eigen::Matrix<double, 8, 1>& start) {
   if (const auto why = approach(coarse, start)) return why;
   noise_ = measure_noise(model_, samples_, region_.side_px);
-  samples_ = select_samples(gray_, model_, region_, noise_.blur_px, thinning(), 0.3);
+  // Borders are within hundredths of a pixel now.
+  samples_ = select_samples(gray_, model_, region_, noise_.blur_px, thinning(), 0.15);
   if (samples_.size() < 40) return Unrefined::too_few_pixels;
   alike_ = rounded_alike(coarse, noise_);
   refit(false);
-  // A quarter of the pixels may have misjudged the noise.
+  // Few pixels may have misjudged the noise.
   const PixelNoise again = measure_noise(model_, samples_, region_.side_px);
   const auto variance = [](const PixelNoise& noise) { return noise.black + noise.white + 2.0 * rounding_variance; };
   if (std::abs(variance(again) / variance(noise_) - 1.0) > 0.15) refit(true);
