@@ -41,7 +41,7 @@ bool hold_blur(A::Vector& p) {
 }
 
 Equations equations(const TagImageModel& model, std::vector<TagSample>& samples, const PixelNoise* noise) {
-  Equations sum = model.equations(samples, Sum::information, 1, noise);
+  Equations sum = model.equations(samples, noise);
   for (const int i : {A::white + 1, A::white + 2, A::drop + 1, A::drop + 2}) {
     const double value = model.appearance().value[i];
     sum.cost += value * value / (slope_sigma * slope_sigma);

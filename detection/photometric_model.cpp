@@ -218,31 +218,23 @@ Step boxed(const Normal& gauss, double z, double fourth) {
           gauss.density * (1.0 + fourth * (z2 * (z2 - 6.0) + 3.0))};
 }
 
-/// The tone curve: grey value and its derivative by the light. Light below a thousandth of a grey level is held there,
-/// where a power has no derivative.
+/// The tone curve: grey value and its derivatives. Light below zero by the toe has none: it is held there.
 struct Toned {
   double grey, by_light, by_exponent;
 };
 
-const std::array<double, 257> tone_slopes = [] {
-  std::array<double, 257> table{};
-  for (std::size_t i = 1; i < table.size(); ++i)
-    table[i] = static_cast<double>(i) * std::log(static_cast<double>(i) / 255.0);
-  return table;
-}();
-
 inline Toned toned(double light, double exponent) {
-  if (exponent == 1.0) {
-    // Only the score test looks at the exponent's derivative here: light ln(light/255) from a table of whole levels.
-    const double held = std::clamp(light, 0.0, 255.0);
-    const auto index = static_cast<std::size_t>(held);
-    return {light, 1.0,
-            tone_slopes[index] + (held - static_cast<double>(index)) * (tone_slopes[index + 1] - tone_slopes[index])};
-  }
-  const double share = std::max(light, 1e-3) / 255.0;
-  const double logarithm = std::log(share);
-  const double grey = 255.0 * std::exp(exponent * logarithm);
-  return {grey, exponent * grey / (255.0 * share), grey * logarithm};
+  const double share = std::max(light / 255.0 + tone_toe, 1e-4);
+  const double toe = std::pow(tone_toe, exponent);
+  const double whole = std::pow(1.0 + tone_toe, exponent);
+  const double power = std::pow(share, exponent);
+  const double range = whole - toe;
+  const double part = (power - toe) / range;
+  const double by_exponent = (power * std::log(share) - toe * std::log(tone_toe) -
+                              part * (whole * std::log1p(tone_toe) - toe * std::log(tone_toe))) /
+                             range;
+  if (exponent == 1.0) return {light, 1.0, 255.0 * by_exponent};
+  return {255.0 * part, exponent * power / share / range, 255.0 * by_exponent};
 }
 
 }  // namespace
@@ -362,8 +354,9 @@ ModelledPixel TagImageModel::at(double x, double y, const PixelView& view) const
 
 double stretch(double light, double exponent) {
   if (exponent == 1.0) return 1.0;
-  // Below half a grey level of light a power's slope says nothing of a pixel that averages over its noise.
-  const double slope = exponent * std::pow(std::max(light, 0.5) / 255.0, exponent - 1.0);
+  const double share = std::max(light / 255.0, 0.0) + tone_toe;
+  const double slope =
+      exponent * std::pow(share, exponent - 1.0) / (std::pow(1.0 + tone_toe, exponent) - std::pow(tone_toe, exponent));
   return slope * slope;
 }
 

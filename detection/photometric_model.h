@@ -19,7 +19,7 @@ struct TagAppearance {
   /// Homography from image to tag, last entry 1: u = (g0 x + g1 y + g2)/w, v = (g3 x + g4 y + g5)/w,
   /// w = g6 x + g7 y + 1. Then light W0 + W1 x + W2 y of white, its drop C0 + C1 x + C2 y to black [grey levels], the
   /// blur's covariance with the pixel's own box included [px^2], the spread of ink [modules] and the exponent of the
-  /// tone curve, grey = 255 (light/255)^exponent.
+  /// tone curve, see tone_toe.
   enum Index {
     homography = 0,
     white = 8,
@@ -95,8 +95,13 @@ struct PixelNoise {
   double side_px = 1.0;
 };
 
-/// How a pixel's misfit enters the sums: as information, or squared, as the middle of a sandwich covariance.
-enum class Sum { information, squared_gradient };
+/// How the slopes of the cost scatter at the minimum: the middle of a sandwich covariance.
+struct Scatter {
+  TagAppearance::Matrix pixels = TagAppearance::Matrix::Zero();  ///< if every pixel errs by itself
+  /// If pixels of one view err together, as they do along a border that the model does not describe.
+  TagAppearance::Matrix views = TagAppearance::Matrix::Zero();
+  int count = 0;  ///< of views
+};
 
 /// The image of a tag: all its black-white borders through one homography, a Gaussian blur integrated over the pixel,
 /// exact at cell corners under any tilt, light that changes linearly over the tag.
@@ -244,11 +249,13 @@ class TagImageModel {
   /// Model and derivatives at a place, seen as `view` says.
   [[nodiscard]] ModelledPixel at(double x, double y, const PixelView& view) const;
 
-  /// Normal equations over the samples, every `stride`-th of them; leaves in these what was modelled. Any order will
-  /// do, but samples of one view side by side are summed many times faster.
+  /// Normal equations over the samples; leaves in these what was modelled. Any order will do, but samples of one view
+  /// side by side are summed many times faster.
   /// @param noise  if given, the samples' variances are set from it on the way
-  Equations equations(std::vector<TagSample>& samples, Sum sum, std::size_t stride = 1,
-                      const PixelNoise* noise = nullptr) const;
+  Equations equations(std::vector<TagSample>& samples, const PixelNoise* noise = nullptr) const;
+
+  /// The slopes' scatter over the same samples; those of one view must be side by side.
+  Scatter scatter(std::vector<TagSample>& samples) const;
 
  private:
   friend class TagSums;
@@ -303,6 +310,11 @@ struct Misfit {
   double curvature = 0.0;  ///< half its second derivative
 };
 Misfit misfit(double modelled, double measured, double variance);
+
+/// Tone curves of cameras (Rec. 709, sRGB) are powers of the light with a straight piece near black:
+/// grey = 255 ((light/255 + toe)^exponent - toe^exponent) / ((1 + toe)^exponent - toe^exponent).
+/// The straight pieces of these two have a slope of 4.5 and 13; this toe has 7 at their exponents.
+inline constexpr double tone_toe = 0.01;
 
 /// d(grey)/d(light) of the tone curve, squared.
 double stretch(double light, double exponent);

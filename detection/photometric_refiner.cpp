@@ -26,9 +26,8 @@ constexpr double score_threshold = 10.0;
 constexpr double rival = 0.3;
 /// A freed term must stand this many of its sigmas from nothing.
 constexpr double significant = 3.0;
-/// The exponent of the tone curve and clipping imitate each other, and a small tag tells too little of either.
-constexpr double most_clipped_for_tone = 0.03;
-constexpr double least_side_for_tone = 30.0;
+/// A smaller tag tells too little of the tone curve.
+constexpr double least_side_for_tone = 20.0;
 /// Of ten thousand normal residuals the largest is 4; more than this is no noise [robust scales].
 constexpr double largest_by_noise = 5.5;
 /// Rms over robust scale of residuals: 1 for normal ones, whose ratio scatters by 2 % over a thousand pixels.
@@ -160,7 +159,8 @@ class TagFit {
   FreeParameters free_ = free_parameters(false, false);
   PhotometricFit fit_;
   FitQuality quality_;
-  double alike_ = 1.0;  ///< pixels that are rounded alike, see rounded_alike
+  double inflation_ = 1.0;  ///< of the covariance, by what pixels of one view err together
+  double alike_ = 1.0;      ///< pixels that are rounded alike, see rounded_alike
   bool bleed_ = false;
   bool tone_ = false;
   bool robust_ = false;
@@ -179,7 +179,7 @@ std::optional<Unrefined> TagFit::approach(const Corners& coarse, const Eigen::Ma
   samples_ = select_samples(gray_, model_, region_, blur, every, 0.8);
   std::vector<double> whites;
   std::vector<double> blacks;
-  (void)model_.equations(samples_, Sum::information);
+  (void)model_.equations(samples_);
   for (const TagSample& sample : samples_) (sample.whiteness > 0.5F ? whites : blacks).push_back(sample.grey);
   if (samples_.size() < 40 || whites.size() < 5 || blacks.size() < 5) return Unrefined::too_few_pixels;
   const auto quartile = [](std::vector<double>& values, std::size_t quarters) {
@@ -208,7 +208,7 @@ void TagFit::refit(bool noise_anew) {
 void TagFit::ask() {
   for (int round = 0; round < 2; ++round) {
     const double inflation = std::max(1.0, quality_.chi2_per_pixel) * alike_;
-    const bool tone_allowed = quality_.clipped < most_clipped_for_tone && region_.side_px > least_side_for_tone;
+    const bool tone_allowed = region_.side_px > least_side_for_tone;
     const double bleed_score = bleed_ ? 0.0 : score(fit_.at, free_, A::bleed, inflation);
     const double tone_score = tone_ || !tone_allowed ? 0.0 : score(fit_.at, free_, A::tone, inflation);
     const double most = std::max(bleed_score, tone_score);
@@ -298,12 +298,22 @@ std::string TagFit::terms(bool lens) const {
 std::optional<Eigen::Matrix<double, 8, 8>> TagFit::covariance() {
   const Eigen::LLT<Eigen::MatrixXd> factor(reduced(fit_.at.hessian, free_));
   if (factor.info() != Eigen::Success) return std::nullopt;
-  // A third of the pixels tells the middle to a few percent.
-  const std::size_t stride = samples_.size() > 1500 ? 3 : 1;
-  const Equations squares = model_.equations(samples_, Sum::squared_gradient, stride);
-  const Eigen::MatrixXd middle = static_cast<double>(stride) * reduced(squares.hessian, free_);
-  const Eigen::MatrixXd half = factor.solve(middle);
-  const Eigen::MatrixXd all = factor.solve(half.transpose());
+  const Scatter scatter = model_.scatter(samples_);
+  const auto sandwich = [&](const A::Matrix& middle) -> Eigen::MatrixXd {
+    const Eigen::MatrixXd half = factor.solve(reduced(middle, free_));
+    return factor.solve(half.transpose());
+  };
+  Eigen::MatrixXd all = sandwich(scatter.pixels);
+  // Where the model does not describe the borders, pixels of one view err together, and the scatter of the views' sums
+  // exceeds what single pixels make of it. As a factor for all coordinates, since there are too few views for more;
+  // fitted parameters have taken their share of it.
+  const auto views = static_cast<double>(scatter.count);
+  const auto parameters = static_cast<double>(free_.size());
+  if (views > 2.0 * parameters) {
+    const Eigen::MatrixXd together = sandwich(scatter.views) * views / (views - parameters);
+    inflation_ = std::max(1.0, (together.diagonal().head<8>().array() / all.diagonal().head<8>().array()).mean());
+  }
+  all *= inflation_;
   return all.topLeftCorner<8, 8>();
 }
 

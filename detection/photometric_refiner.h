@@ -12,7 +12,7 @@
 namespace tagdock {
 
 struct PhotometricConfig {
-  int max_iterations = 25;
+  int max_iterations = 60;
 };
 
 /// Fits the whole decoded tag - every black and white edge, tied by one homography - to the grey values.

@@ -58,11 +58,11 @@ struct Block {
   int count = 0;
   Lanes x, y, grey, weight, variance, beyond;
 
-  TAGDOCK_LANES void load(TagSample* first, std::size_t stride, std::size_t left) {
+  TAGDOCK_LANES void load(TagSample* first, std::size_t left) {
     count = static_cast<int>(std::min<std::size_t>(lane_count, left));
     for (int lane = 0; lane < lane_count; ++lane) {
       const int used = lane < count ? lane : 0;
-      TagSample* const one = first + static_cast<std::size_t>(used) * stride;
+      TagSample* const one = first + used;
       sample[static_cast<std::size_t>(lane)] = one;
       x[lane] = one->x;
       y[lane] = one->y;
@@ -86,18 +86,40 @@ struct Lit {
 /// One pass over samples.
 class TagSums {
  public:
-  TagSums(const TagImageModel& model, Sum sum, const PixelNoise* noise)
-      : model_(model), p_(model.appearance_.value), sum_(sum), noise_(noise) {
+  TagSums(const TagImageModel& model, const PixelNoise* noise, Scatter* scatter)
+      : model_(model), p_(model.appearance_.value), noise_(noise), scatter_(scatter) {
     for (std::size_t i = 0; i < light_.size(); ++i) light_[i] = static_cast<float>(p_[A::white + static_cast<int>(i)]);
-    exponent_ = static_cast<float>(p_[A::tone]);
+    const double exponent = p_[A::tone];
+    const double toe = std::pow(tone_toe, exponent);
+    const double whole = std::pow(1.0 + tone_toe, exponent);
+    exponent_ = static_cast<float>(exponent);
+    toe_ = static_cast<float>(toe);
+    toe_ln_ = static_cast<float>(toe * std::log(tone_toe));
+    range_ln_ = static_cast<float>(whole * std::log1p(tone_toe) - toe * std::log(tone_toe));
+    per_range_ = static_cast<float>(1.0 / (whole - toe));
   }
 
   /// Samples that see the same lines.
-  void add(TagSample* first, std::size_t stride, std::size_t count) {
+  void add(TagSample* first, std::size_t count) {
+    const A::Vector before = scatter_ != nullptr ? gradient() : A::Vector::Zero();
     if (first->view.kind == PixelView::general)
-      add_general(first, stride, count);
+      add_general(first, count);
     else
-      add_border(first, stride, count);
+      add_border(first, count);
+    if (scatter_ == nullptr) return;
+    const A::Vector own = gradient() - before;
+    scatter_->views += own * own.transpose();
+    ++scatter_->count;
+  }
+
+  /// Samples in any order.
+  void add(std::vector<TagSample>& samples) {
+    for (std::size_t first = 0; first < samples.size();) {
+      std::size_t end = first + 1;
+      while (end < samples.size() && alike(samples[end].view, samples[first].view)) ++end;
+      add(samples.data() + first, end - first);
+      first = end;
+    }
   }
 
   Equations result();
@@ -115,17 +137,22 @@ class TagSums {
   };
 
   TAGDOCK_LANES Lit compare(Block& block, const Lanes& whiteness);
-  TAGDOCK_WIDE void add_border(TagSample* first, std::size_t stride, std::size_t count);
-  TAGDOCK_WIDE void add_general(TagSample* first, std::size_t stride, std::size_t count);
+  TAGDOCK_WIDE void add_border(TagSample* first, std::size_t count);
+  TAGDOCK_WIDE void add_general(TagSample* first, std::size_t count);
+  /// Of everything so far.
+  A::Vector gradient();
+  [[nodiscard]] Eigen::Matrix<double, 9, 4> border_directions(const Line& line, std::size_t side) const;
+  [[nodiscard]] static std::array<Eigen::Index, 9> border_parameters(std::size_t direction);
   void move_light(TriangleSum<light_count>& sums);
   void move_general();
 
   const TagImageModel& model_;
   const A::Vector& p_;
-  Sum sum_;
   const PixelNoise* noise_;
+  Scatter* scatter_;  ///< if given, squared slopes are summed in the place of information
   std::array<float, 6> light_{};
   float exponent_ = 1.0F;
+  float toe_ = 0.0F, toe_ln_ = 0.0F, range_ln_ = 0.0F, per_range_ = 1.0F;  ///< of the tone curve
   Equations result_;
   Lanes cost_{};
   std::array<std::array<std::array<BorderSum, 2>, 13>, 2> borders_;
@@ -144,23 +171,24 @@ TAGDOCK_LANES Lit TagSums::compare(Block& block, const Lanes& whiteness) {
   Lanes modelled;
   Lanes by_exponent;
   Lanes stretched = lanes(1.0F);
+  // See `toned` of the model.
+  Lanes share_up = light * (1.0F / 255.0F) + static_cast<float>(tone_toe);
+  share_up = share_up < 1e-4F ? lanes(1e-4F) : share_up;
+  const Lanes ln = logarithm(share_up);
   if (exponent_ == 1.0F) {
     modelled = light;
     lit.by_light = lanes(1.0F);
-    // Only the score test looks at this: light ln(light/255).
-    Lanes held = light < 0.01F ? lanes(0.01F) : light;
-    held = held > 255.0F ? lanes(255.0F) : held;
-    by_exponent = held * logarithm(held * (1.0F / 255.0F));
+    const Lanes part = share_up - static_cast<float>(tone_toe);
+    by_exponent = 255.0F * (share_up * ln - toe_ln_ - part * range_ln_);
   } else {
-    const Lanes held = light < 1e-3F ? lanes(1e-3F) : light;
-    const Lanes power = logarithm(held * (1.0F / 255.0F));
-    modelled = 255.0F * exponential(exponent_ * power);
-    lit.by_light = exponent_ * modelled / held;
-    by_exponent = modelled * power;
+    const Lanes power = exponential(exponent_ * ln);
+    const Lanes part = (power - toe_) * per_range_;
+    modelled = 255.0F * part;
+    lit.by_light = exponent_ * per_range_ * power / share_up;
+    by_exponent = 255.0F * per_range_ * (power * ln - toe_ln_ - part * range_ln_);
     if (noise_ != nullptr) {
-      // Below half a grey level of light a power's slope says nothing of a pixel that averages over its noise.
-      const Lanes lit_up = light < 0.5F ? lanes(0.5F) : light;
-      const Lanes steepness = exponent_ * exponential((exponent_ - 1.0F) * logarithm(lit_up * (1.0F / 255.0F)));
+      const Lanes lit_up = share_up < static_cast<float>(tone_toe) ? lanes(static_cast<float>(tone_toe)) : share_up;
+      const Lanes steepness = exponent_ * per_range_ * exponential((exponent_ - 1.0F) * logarithm(lit_up));
       stretched = steepness * steepness;
     }
   }
@@ -201,7 +229,7 @@ TAGDOCK_LANES Lit TagSums::compare(Block& block, const Lanes& whiteness) {
   }
   cost_ += block.weight * cost;
   lit.slope = block.weight * slope;
-  lit.curvature = sum_ == Sum::information ? block.weight * curvature : lit.slope * lit.slope;
+  lit.curvature = scatter_ == nullptr ? block.weight * curvature : lit.slope * lit.slope;
   const Lanes dark = -lit.by_light * black;
   lit.by = {lit.by_light, lit.by_light * x, lit.by_light * y, dark, dark * x, dark * y, by_exponent};
   return lit;
@@ -220,7 +248,7 @@ void TagSums::move_light(TriangleSum<light_count>& sums) {
   cost_ = Lanes{};
 }
 
-TAGDOCK_WIDE void TagSums::add_border(TagSample* first, std::size_t stride, std::size_t count) {
+TAGDOCK_WIDE void TagSums::add_border(TagSample* first, std::size_t count) {
   const PixelView& view = first->view;
   const bool border = view.kind == PixelView::line;
   const Line none{};
@@ -256,7 +284,7 @@ TAGDOCK_WIDE void TagSums::add_border(TagSample* first, std::size_t stride, std:
   Block block;
   int blocks = 0;
   for (std::size_t done = 0; done < count; done += lane_count) {
-    block.load(first + done * stride, stride, count - done);
+    block.load(first + done, count - done);
     Lanes r = lanes(static_cast<float>(view.white));
     Lanes z{};
     Lanes unit{};
@@ -297,7 +325,7 @@ void TagSums::move_general() {
 }
 
 /// Pixels near cell corners: the sum over grid nodes, see TagImageModel::at.
-TAGDOCK_WIDE void TagSums::add_general(TagSample* first, std::size_t stride, std::size_t count) {
+TAGDOCK_WIDE void TagSums::add_general(TagSample* first, std::size_t count) {
   struct Seen {
     const Line* line;
     bool across_v;  ///< its value is that of v
@@ -381,7 +409,7 @@ TAGDOCK_WIDE void TagSums::add_general(TagSample* first, std::size_t stride, std
   const auto g7 = static_cast<float>(p_[7]);
   Block block;
   for (std::size_t done = 0; done < count; done += lane_count) {
-    block.load(first + done * stride, stride, count - done);
+    block.load(first + done, count - done);
     for (std::size_t s = 0; s < seen_count; ++s) {
       Seen& one = seen[s];
       const Line& line = *one.line;
@@ -472,6 +500,40 @@ TAGDOCK_WIDE void TagSums::add_general(TagSample* first, std::size_t stride, std
   }
 }
 
+std::array<Eigen::Index, 9> TagSums::border_parameters(std::size_t direction) {
+  const Eigen::Index row = direction == 0 ? 0 : 3;
+  return {row, row + 1, row + 2, 6, 7, A::blur_xx, A::blur_xy, A::blur_yy, A::bleed};
+}
+
+/// How the four directions of a border's sums follow those parameters.
+Eigen::Matrix<double, 9, 4> TagSums::border_directions(const Line& line, std::size_t side) const {
+  const Eigen::RowVector4d by_a(1.0, 0.0, 0.0, -line.ba * line.unit);
+  const Eigen::RowVector4d by_b(0.0, 1.0, 0.0, -line.bb * line.unit);
+  const Eigen::RowVector4d by_c(0.0, 0.0, 1.0, 0.0);
+  const Eigen::RowVector4d by_variance(0.0, 0.0, 0.0, -0.5 * line.unit);
+  Eigen::Matrix<double, 9, 4> by;
+  by << by_a, by_b, by_c, -line.place * by_a, -line.place * by_b, line.nx * line.nx * by_variance,
+      2.0 * line.nx * line.ny * by_variance, line.ny * line.ny * by_variance,
+      (side == 1 ? -1.0 : 1.0) * (p_[6] * by_a + p_[7] * by_b + by_c);
+  return by;
+}
+
+A::Vector TagSums::gradient() {
+  move_general();
+  A::Vector result = result_.gradient;
+  for (std::size_t direction = 0; direction < 2; ++direction)
+    for (std::size_t i = 0; i < borders_[direction].size(); ++i)
+      for (std::size_t side = 0; side < 2; ++side) {
+        const BorderSum& border = borders_[direction][i][side];
+        if (!border.used) continue;
+        const Eigen::Matrix<double, 9, 1> own = border_directions(model_.lines_[direction][i][side], side) *
+                                                Eigen::Map<const Eigen::Vector4d>(border.gradient.data());
+        const std::array<Eigen::Index, 9> parameters = border_parameters(direction);
+        for (Eigen::Index m = 0; m < 9; ++m) result[parameters[static_cast<std::size_t>(m)]] += own[m];
+      }
+  return result;
+}
+
 Equations TagSums::result() {
   move_general();
   auto& h = result_.hessian;
@@ -483,17 +545,8 @@ Equations TagSums::result() {
         const BorderSum& border = borders_[direction][i][side];
         if (!border.used) continue;
         const Line& line = model_.lines_[direction][i][side];
-        const Eigen::Index row = direction == 0 ? 0 : 3;
-        const std::array<Eigen::Index, 9> parameters = {row,        row + 1,    row + 2,    6,       7,
-                                                        A::blur_xx, A::blur_xy, A::blur_yy, A::bleed};
-        const Eigen::RowVector4d by_a(1.0, 0.0, 0.0, -line.ba * line.unit);
-        const Eigen::RowVector4d by_b(0.0, 1.0, 0.0, -line.bb * line.unit);
-        const Eigen::RowVector4d by_c(0.0, 0.0, 1.0, 0.0);
-        const Eigen::RowVector4d by_variance(0.0, 0.0, 0.0, -0.5 * line.unit);
-        Eigen::Matrix<double, 9, 4> by;
-        by << by_a, by_b, by_c, -line.place * by_a, -line.place * by_b, line.nx * line.nx * by_variance,
-            2.0 * line.nx * line.ny * by_variance, line.ny * line.ny * by_variance,
-            (side == 1 ? -1.0 : 1.0) * (p_[6] * by_a + p_[7] * by_b + by_c);
+        const std::array<Eigen::Index, 9> parameters = border_parameters(direction);
+        const Eigen::Matrix<double, 9, 4> by = border_directions(line, side);
         Eigen::Matrix4d geometry;
         std::size_t k = 0;
         for (Eigen::Index m = 0; m < 4; ++m)
@@ -518,17 +571,18 @@ Equations TagSums::result() {
   return result_;
 }
 
-Equations TagImageModel::equations(std::vector<TagSample>& samples, Sum sum, std::size_t stride,
-                                   const PixelNoise* noise) const {
-  TagSums sums(*this, sum, noise);
-  for (std::size_t first = 0; first < samples.size();) {
-    std::size_t end = first + 1;
-    while (end < samples.size() && alike(samples[end].view, samples[first].view)) ++end;
-    const std::size_t begin = (first + stride - 1) / stride * stride;
-    if (begin < end) sums.add(samples.data() + begin, stride, (end - begin + stride - 1) / stride);
-    first = end;
-  }
+Equations TagImageModel::equations(std::vector<TagSample>& samples, const PixelNoise* noise) const {
+  TagSums sums(*this, noise, nullptr);
+  sums.add(samples);
   return sums.result();
+}
+
+Scatter TagImageModel::scatter(std::vector<TagSample>& samples) const {
+  Scatter scatter;
+  TagSums sums(*this, nullptr, &scatter);
+  sums.add(samples);
+  scatter.pixels = sums.result().hessian;
+  return scatter;
 }
 
 }  // namespace tagdock
