@@ -23,7 +23,7 @@ bool plausible(const A::Vector& p) {
   const double yy = p[A::blur_yy];
   return p.allFinite() && xx > least_blur && yy > least_blur && xx < most_blur && yy < most_blur &&
          xx * yy - p[A::blur_xy] * p[A::blur_xy] > least_blur * least_blur && std::abs(p[A::bleed]) < 0.35 &&
-         p[A::tone] > 0.25 && p[A::tone] < 2.0;
+         p[A::tone] > 0.3 && p[A::tone] < 1.6;
 }
 
 /// Holds the blur where a pixel's box leaves it: without any optics it is 1/12, and edges that fall between pixels tell

@@ -2,7 +2,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <numbers>
+#include <utility>
 #include <vector>
 
 #include <Eigen/Cholesky>
@@ -136,6 +138,7 @@ class TagFit {
   [[nodiscard]] const FitQuality& last_quality() const { return quality_; }
   [[nodiscard]] const PixelNoise& noise() const { return noise_; }
   [[nodiscard]] std::string terms(bool lens) const;
+  [[nodiscard]] double inflation() const { return inflation_; }
 
   /// Covariance of the homography's eight parameters.
   [[nodiscard]] std::optional<Eigen::Matrix<double, 8, 8>> covariance();
@@ -227,7 +230,9 @@ void TagFit::ask() {
     const bool bleed = bleed_ || bleed_score > rival * most;
     const bool tone = tone_ || tone_score > rival * most;
     with(bleed, tone);
-    if (!fit_.converged && bleed && tone) with(true, false);
+    // A tone curve that runs out of what cameras have stands for something else.
+    if (!fit_.converged && tone) with(true, false);
+    if (!fit_.converged) with(false, false);
   }
 }
 
@@ -275,12 +280,20 @@ std::optional<Unrefined> TagFit::run(const Corners& coarse, const Eigen::Matrix<
   ask();
   if (quality_.largest > largest_by_noise * quality_.scale || quality_.spread > heavy_tails * quality_.scale) reweigh();
   forgo();
-  if (!fit_.converged) return Unrefined::did_not_converge;
+  if (!fit_.converged && (bleed_ || tone_)) {
+    TagAppearance plain = model_.appearance();
+    plain.value[A::bleed] = 0.0;
+    plain.value[A::tone] = 1.0;
+    bleed_ = tone_ = false;
+    free_ = free_parameters(false, false);
+    model_.set(plain);
+    refit(true);
+  }
   if (quality_.count <= static_cast<int>(free_.size())) return Unrefined::too_few_pixels;
   // Half of all borders elsewhere than modelled, or residuals of a quarter of the contrast: not this tag's pattern.
   const double contrast = model_.appearance().value[A::drop];
-  if (!(contrast > 0.0) || quality_.rejected > 0.5 || quality_.rms > 0.25 * contrast)
-    return Unrefined::did_not_converge;
+  if (!(contrast > 0.0) || quality_.rejected > 0.5 || quality_.rms > 0.25 * contrast) return Unrefined::other_pattern;
+  if (!fit_.converged) return Unrefined::did_not_converge;
   return std::nullopt;
 }
 
@@ -350,8 +363,36 @@ Eigen::Matrix<double, 8, 8> rounding_floor(const Corners& corners, const PixelNo
 
 }  // namespace
 
-Refinement refine_photometric(const cv::Mat1b& gray, const std::string& family, const TagDetection& coarse,
-                              const PhotometricConfig& config, const std::optional<CameraModel>& camera) {
+namespace {
+
+/// The model's image of the print, and its values.
+PhotometricExplanation explained(const TagImageModel& model, const TagRegion& region) {
+  PhotometricExplanation result;
+  result.region = region.pixels;
+  result.modelled = cv::Mat1f(region.pixels.size(), std::numeric_limits<float>::quiet_NaN());
+  const A::Vector& p = model.appearance().value;
+  const double rim = 0.5 * model.pattern().cells;
+  const double blur = std::sqrt(0.5 * (p[A::blur_xx] + p[A::blur_yy]));
+  for (int row = 0; row < region.pixels.height; ++row)
+    for (int column = 0; column < region.pixels.width; ++column) {
+      const Vector2 at = region.place(region.lens.undistorted({region.pixels.x + column, region.pixels.y + row}));
+      const Vector2 tag = model.to_tag(at.x(), at.y());
+      if (!(p[6] * at.x() + p[7] * at.y() + 1.0 > 0.0 && tag.cwiseAbs().maxCoeff() < rim)) continue;
+      result.modelled(row, column) =
+          static_cast<float>(model.at(at.x(), at.y(), model.view(at.x(), at.y(), 4.0 * blur)).grey);
+    }
+  result.white = p[A::white];
+  result.black = p[A::white] - p[A::drop];
+  result.blur_px2 << p[A::blur_xx], p[A::blur_xy], p[A::blur_xy], p[A::blur_yy];
+  result.bleed_modules = p[A::bleed];
+  result.tone_exponent = p[A::tone];
+  return result;
+}
+
+/// Fits, and if `explanation` is given says what the fit sees.
+Refinement fit_tag(const cv::Mat1b& gray, const std::string& family, const TagDetection& coarse,
+                   const PhotometricConfig& config, const std::optional<CameraModel>& camera,
+                   PhotometricExplanation* explanation) {
   const TagPattern pattern = tag_pattern(family, coarse.id);
   for (const Vector2& corner : coarse.corners_px)
     if (!corner.allFinite()) return Unrefined::not_a_quadrilateral;
@@ -406,7 +447,32 @@ Refinement refine_photometric(const cv::Mat1b& gray, const std::string& family, 
   refined.chi2_per_pixel = quality.chi2_per_pixel;
   refined.blur_px = std::sqrt(0.5 * (p[A::blur_xx] + p[A::blur_yy]));
   refined.terms = fit.terms(camera.has_value());
+  if (explanation != nullptr) {
+    *explanation = explained(fit.model(), *region);
+    explanation->noise_black = std::sqrt(fit.noise().black + rounding_variance);
+    explanation->noise_white = std::sqrt(fit.noise().white + rounding_variance);
+    explanation->inflation = fit.inflation();
+    explanation->rejected = quality.rejected;
+  }
   return refined;
+}
+
+}  // namespace
+
+Refinement refine_photometric(const cv::Mat1b& gray, const std::string& family, const TagDetection& coarse,
+                              const PhotometricConfig& config, const std::optional<CameraModel>& camera) {
+  return fit_tag(gray, family, coarse, config, camera, nullptr);
+}
+
+std::variant<PhotometricExplanation, Unrefined> explain_photometric(const cv::Mat1b& gray, const std::string& family,
+                                                                    const TagDetection& coarse,
+                                                                    const PhotometricConfig& config,
+                                                                    const std::optional<CameraModel>& camera) {
+  PhotometricExplanation explanation;
+  Refinement refined = fit_tag(gray, family, coarse, config, camera, &explanation);
+  if (const Unrefined* reason = std::get_if<Unrefined>(&refined)) return *reason;
+  explanation.tag = std::move(std::get<RefinedTag>(refined));
+  return explanation;
 }
 
 }  // namespace tagdock

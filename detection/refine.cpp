@@ -38,14 +38,16 @@ double largest_sigma_px(const RefinedTag& tag) { return std::sqrt(tag.covariance
 
 /// The whole tag; or its sides, where the whole does not fit the model (a point-sampled picture, too few pixels) or is,
 /// by its own covariance, no finer than the library's corners and the sides are. The result's terms say which it was.
-/// Where an edge was left or the shape is wrong, the sides are no more to be trusted than the whole.
+/// Where an edge was left, or the shape or the pattern is wrong, the sides are no more to be trusted than the whole.
 Refinement refine_best(const cv::Mat1b& gray, const std::string& family, const TagDetection& coarse,
                        const std::optional<CameraModel>& camera) {
   Refinement whole = refine_photometric(gray, family, coarse, PhotometricConfig{}, camera);
   const RefinedTag* fitted = std::get_if<RefinedTag>(&whole);
   if (fitted != nullptr && largest_sigma_px(*fitted) <= library_corner_sigma_px) return whole;
   if (const Unrefined* reason = std::get_if<Unrefined>(&whole))
-    if (*reason == Unrefined::left_the_edge || *reason == Unrefined::not_a_quadrilateral) return whole;
+    if (*reason == Unrefined::left_the_edge || *reason == Unrefined::not_a_quadrilateral ||
+        *reason == Unrefined::other_pattern)
+      return whole;
   EdgeRefinerConfig edges;
   edges.profile = EdgeProfile::erf;
   Refinement sides = refine_edges(gray, coarse, edges, camera);
