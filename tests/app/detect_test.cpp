@@ -14,6 +14,7 @@
 #include "app/failure.h"
 #include "app/image_file.h"
 #include "app/verbs.h"
+#include "detection/tag_detector.h"
 #include "tests/detection/scene_rendering.h"
 
 namespace tagdock {
@@ -281,6 +282,41 @@ TEST_CASE("--explain writes one page per tag that needs no other file") {
   CHECK_THAT(page, !Contains("<script"));
   CHECK(detect({"--explain", folder / "none.png"}).code == 2);
   CHECK(detect({folder / "a.png", "--explain", folder / "a.png"}).code == 2);
+}
+
+TEST_CASE("codes that clutter happens to hold are not shown, a true tag among it is") {
+  const Folder folder;
+  TagDetectorConfig config;
+  config.family = "tag16h5";
+  config.decimate = 1;
+  config.max_hamming = 2;
+  const TagDetector detector(config);
+  std::mt19937_64 random(62);
+  std::uniform_real_distribution<double> unit(0.0, 1.0);
+  std::size_t codes = 0;
+  for (int i = 0; i < 6; ++i) {
+    // Dark squares with anything inside.
+    cv::Mat1b gray(480, 640, uchar{190});
+    for (int y = 10; y < 400; y += 95)
+      for (int x = 10; x < 560; x += 95) {
+        gray(cv::Rect(x, y, 75, 75)).setTo(30);
+        for (int k = 0; k < 10; ++k) {
+          const cv::Rect inside(x + 12 + static_cast<int>(35.0 * unit(random)),
+                                y + 12 + static_cast<int>(35.0 * unit(random)),
+                                5 + static_cast<int>(11.0 * unit(random)), 5 + static_cast<int>(11.0 * unit(random)));
+          gray(inside).setTo(static_cast<unsigned char>(255.0 * unit(random)));
+        }
+      }
+    codes += detector.detect(gray).size();
+    const Scene made = scene("tag16h5", 7);
+    const bool with_tag = i == 0;
+    if (with_tag) picture(made)(cv::Rect(80, 80, 170, 170)).copyTo(gray(cv::Rect(200, 150, 170, 170)));
+    cv::imwrite(folder / "a.png", gray);
+    const auto found = rows(detect({folder / "a.png", "--family", "tag16h5", "--max-hamming", "2"}).out);
+    CHECK(found.size() == (with_tag ? 1 : 0));
+    if (with_tag && !found.empty()) CHECK(found[0].at("id") == "7");
+  }
+  CHECK(codes > 0);  // else nothing was tried
 }
 
 TEST_CASE("a small frontal tag says that its yaw is not determined, a tilted one says nothing") {

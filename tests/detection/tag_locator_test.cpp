@@ -2,6 +2,7 @@
 
 #include <catch2/catch.hpp>
 
+#include "detection/tag_pattern.h"
 #include "planning/pose2.h"
 #include "tests/detection/scene_rendering.h"
 
@@ -115,6 +116,27 @@ TEST_CASE("tags are followed from a prediction that is centimetres and a degree 
     CHECK(seen.tags.size() == station.board.tags.size());
     // Another start of the same fit, with a few other pixels: half of the 0.1 mm that noise makes.
     CHECK(distance(seen.T_camera_station, std::get<BoardSighting>(searched).T_camera_station) < 5e-5);
+  }
+}
+
+TEST_CASE("tags of every family are followed") {
+  for (const std::string family :
+       {"tag36h11", "tag25h9", "tag16h5", "tagStandard41h12", "tagStandard52h13", "tagCircle21h7", "tagCircle49h12"}) {
+    CAPTURE(family);
+    Station station({-2.2, 0.1, radians(3.0)});
+    station.board.family = family;
+    const TagPattern pattern = tag_pattern(family, 1);
+    for (std::size_t i = 0; i < station.board.tags.size(); ++i) {
+      station.board.tags[i].id = static_cast<int>(i) + 1;
+      station.board.tags[i].size *= 1.25 * pattern.border_cells / pattern.cells;  // prints that do not overlap
+    }
+    const TagLocator locator(station.rig, station.board, by(CornerMethod::best));
+    Eigen::Isometry3d T_predicted = station.T_camera_station;
+    T_predicted.translation() += Eigen::Vector3d(0.004, -0.003, 0.02);
+    const Sighting sighting = locator.locate(station.frame(47), T_predicted);
+    REQUIRE(std::holds_alternative<BoardSighting>(sighting));
+    CHECK(std::get<BoardSighting>(sighting).followed);
+    CHECK(distance(std::get<BoardSighting>(sighting).T_camera_station, station.T_camera_station) < 0.001);
   }
 }
 
