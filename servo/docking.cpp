@@ -55,9 +55,16 @@ Pose2 steered_by(const PoseEstimate& estimate) {
 // The line law, no stiffer than the castors bear.
 LineLawConfig law_for(const PoseEstimate& estimate, const DockingConfig& config) {
   LineLawConfig law = config.line;
-  law.length = std::max(law.length, config.lengths_per_lag * heading_lag(estimate.castor_scrub, config.filter.castors));
+  law.lag = heading_lag(estimate.castor_scrub, config.filter.castors);
+  law.length = std::max(law.length, config.lengths_per_lag * law.lag);
   law.slow_length = std::max(law.slow_length, law.length);
   return law;
+}
+
+// What unequal wheels would turn the robot by is taken back before it happens.
+Twist2 against_pull(Twist2 command, const PoseEstimate& estimate) {
+  command.angular -= estimate.pull * command.linear;
+  return command;
 }
 
 bool is_still(const Odometry& odometry) {
@@ -281,12 +288,12 @@ struct EntryCheck {
 EntryCheck entry_check(const Job& job, const PoseEstimate& estimate, const DockingConfig& config) {
   const double share = job.attempts > 1 ? config.entry.retry_share : 1.0;
   const Pose2 T_goal_base = between(goal_of_axle(config), steered_by(estimate));
-  const double length = law_for(estimate, config).length;
+  const LineLawConfig law = law_for(estimate, config);
   const double rest = -T_goal_base.x;
   const double heading = wrap_angle(T_goal_base.yaw);
-  const double left = lateral_left(T_goal_base.y, heading, std::max(0.0, rest), length);
+  const double left = lateral_left(T_goal_base.y, heading, std::max(0.0, rest), law.length, law.lag);
   // Beyond this lateral error the heading limit holds the law back, and the estimate of what is left is too good.
-  const double linear = 2.0 * length * std::tan(2.0 * config.line.min_heading);
+  const double linear = (2.0 * law.length + law.lag) * std::tan(2.0 * config.line.min_heading);
   const bool good = rest > 0.0 && std::abs(left) < share * config.entry.lateral_left &&
                     std::abs(T_goal_base.y) < linear && std::abs(heading) < share * config.entry.max_heading;
   return {good, text("%.2f m to go, %+.1f mm beside the line, %+.2f deg", rest, 1e3 * T_goal_base.y, degrees(heading))};
@@ -347,8 +354,9 @@ std::optional<Step> planned(const Validating& now, const Inputs& inputs, const D
     following.blind = blind;
     return Step{following, {}, reason};
   };
-  constexpr double nearer = 0.1;  // m, between the entries that are tried
-  const double wanted = std::max(config.entry.run_in, 4.0 * law_for(*inputs.estimate, config).length);
+  constexpr double nearer = 0.1;          // m, between the entries that are tried
+  constexpr double run_in_lengths = 4.0;  // of the law; after as many less than 10 % of an error are left
+  const double wanted = std::max(config.entry.run_in, run_in_lengths * law_for(*inputs.estimate, config).length);
   for (double run_in = wanted; run_in > config.entry.min_run_in - 1e-9; run_in -= nearer) {
     const std::variant<Path, std::string> answer = path_to(start, goal * Pose2{-run_in, 0.0, 0.0}, false, config);
     if (const Path* path = std::get_if<Path>(&answer)) {
@@ -418,7 +426,7 @@ Step step_following(const Following& before, const Inputs& inputs, const Docking
   if (inputs.now - now.since > limit) return timed_out(now, inputs, config);
 
   OdometryControllerConfig controller = config.segments;
-  if (!now.blind) controller.end_speed = 0.05;  // m/s; the line law takes over in motion
+  if (!now.blind) controller.end_speed = config.line.max_speed;  // the line law takes over in motion
   const Pose2 by_odometry = now.T_station_odom * inputs.odometry.T_odom_base;
   const Pose2 pose = config.fuse_in_segments ? steered_by(*inputs.estimate) : by_odometry;
   if (config.fuse_in_segments) {
@@ -430,7 +438,8 @@ Step step_following(const Following& before, const Inputs& inputs, const Docking
   now.follow = driven.next;
   constexpr double hand_over = 0.010;  // m before the end
   if (!now.blind && driven.remaining < hand_over) return to_servo(now, inputs, config);
-  if (!driven.arrived) return {now, driven.command, {}};
+  if (!driven.arrived)
+    return {now, config.fuse_in_segments ? against_pull(driven.command, *inputs.estimate) : driven.command, {}};
   // A blind entry was planned to end here: the back-off belongs to the same attempt.
   return {BackingOff{now.job, inputs.now, std::nullopt}, {}, "end of the path"};
 }
@@ -481,7 +490,7 @@ Step step_servoing(const Servoing& before, const Inputs& inputs, const DockingCo
     return {now, centering.value_or(Twist2{}), {}};
   }
 
-  const double left = lateral_left(line.lateral, line.heading, std::max(0.0, line.remaining), law.length);
+  const double left = lateral_left(line.lateral, line.heading, std::max(0.0, line.remaining), law.length, law.lag);
   if (std::abs(left) > config.servo.max_left) {
     return next_attempt(now.job,
                         {Cause::drifted, text("%+.1f mm beside the line with %.2f m to go, %+.1f mm would be left",
@@ -503,7 +512,7 @@ Step step_servoing(const Servoing& before, const Inputs& inputs, const DockingCo
     now.swing = {};
   }
   if (line.reached) now.reached = inputs.now;
-  return {now, line.command, {}};
+  return {now, against_pull(line.command, *inputs.estimate), {}};
 }
 
 // ---------------------------------------------------------------------------------------------------------- fixing
@@ -554,7 +563,7 @@ Step step_backing_off(const BackingOff& before, const Inputs& inputs, const Dock
         back_along_line(line_target(now.job, config), inputs.estimate->T_station_base, config.back_off.camera_distance,
                         inputs.last_command, inputs.odometry.velocity.linear, inputs.step, config.line);
     if (line.reached) now.reached = inputs.now;
-    return {now, line.command, {}};
+    return {now, against_pull(line.command, *inputs.estimate), {}};
   }
   if (inputs.now - *now.reached < config.back_off.rest) return {now, {}, {}};
   Acquiring acquiring;
@@ -770,8 +779,11 @@ std::optional<Fix> fix_from(std::span<const PlanarSighting> sightings, const Doc
     fix.chi2 += error.dot(covariances[i].ldlt().solve(error));
   }
   if (sightings.size() > 1) fix.chi2 /= 3.0 * (count - 1.0);
-  // Sightings that scatter more than their covariance says are believed less.
-  const double scatter = std::max(1.0, fix.chi2);
+  // What sightings at standstill scatter by is measured here; their own covariance is a claim, which a misfit widens by
+  // more than it makes them scatter. Few sightings measure too little to go below the claim.
+  constexpr double enough = 20.0;
+  const double values = 3.0 * (count - 1.0);
+  const double scatter = values < enough ? std::max(1.0, fix.chi2) : fix.chi2 * values / (values - 2.0);
   const double position = config.fix.calibration_position * config.fix.calibration_position;
   const double turn = config.fix.calibration_yaw * config.fix.calibration_yaw;
   fix.covariance = scatter * information.inverse();

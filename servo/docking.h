@@ -35,20 +35,21 @@ enum class ServoLaw {
 };
 
 struct AcquireConfig {
-  double bearing = 0.0087;                                    ///< rad; the board is centred below this (0.5 degrees)
-  int sightings = 20;                                         ///< fused at standstill
-  double max_sigma_y = 0.008;                                 ///< m
-  double max_sigma_yaw = 0.0035;                              ///< rad (0.2 degrees)
-  double sweep = 0.35;                                        ///< rad to either side, when nothing is seen
-  double sweep_rate = 0.2;                                    ///< rad/s
-  std::chrono::nanoseconds unseen = std::chrono::seconds(5);  ///< before a sweep, and again after it
+  double bearing = 0.0087;  ///< rad; the board is centred below this (0.5 degrees)
+  int sightings = 10;       ///< fused at standstill
+  /// m, of the axle; 2.3 mm of it are what the camera yaw may be wrong by, at 1.35 m.
+  double max_sigma_y = 0.010;
+  double max_sigma_yaw = 0.0035;                                     ///< rad (0.2 degrees)
+  double sweep = 0.35;                                               ///< rad to either side, when nothing is seen
+  double sweep_rate = 0.2;                                           ///< rad/s
+  std::chrono::nanoseconds unseen = std::chrono::seconds(5);         ///< before a sweep, and again after it
   std::chrono::nanoseconds settle = std::chrono::milliseconds(300);  ///< standing before sightings count
   std::chrono::nanoseconds timeout = std::chrono::seconds(45);
 };
 
 struct EntryConfig {
-  double run_in = 1.2;          ///< m of straight line before the dock, wanted
-  double min_run_in = 0.9;      ///< m, at least
+  double run_in = 0.9;          ///< m of straight line before the dock, wanted; more where castors lag much
+  double min_run_in = 0.6;      ///< m, at least
   double lateral_left = 0.005;  ///< m; largest lateral error that the line law would leave at the dock
   double max_heading = 0.14;    ///< rad against the line
   /// After a back-off there is no room for another path; both limits count this much looser, since every pass shrinks
@@ -66,11 +67,11 @@ struct ServoConfig {
   ServoLaw law = ServoLaw::line;
   /// m; where the law would leave more beside the line than this the attempt ends. (The notes end it where the error
   /// has grown by 10 mm, which castors that turn round do for a while.)
-  double max_left = 0.015;
+  double max_left = 0.03;
   double max_sigma_y = 0.003;                                      ///< m, of the camera point
   double sigma_within = 0.5;                                       ///< m to go from which `max_sigma_y` counts
   double centering_end = 0.002;                                    ///< m from Z* at which the centring law is done
-  std::chrono::nanoseconds rest = std::chrono::milliseconds(800);  ///< standing at the goal
+  std::chrono::nanoseconds rest = std::chrono::milliseconds(500);  ///< standing at the goal
   std::chrono::nanoseconds timeout = std::chrono::seconds(40);
 };
 
@@ -125,7 +126,7 @@ struct DockingConfig {
   /// Damping a where deviations come from the filter.
   double fused_damping = 0.08;
   /// The line law's L is at least this many of the robot's heading lag: castors that scrub harder get a softer law.
-  double lengths_per_lag = 1.5;
+  double lengths_per_lag = 1.0;
   LineLawConfig line;
   SwingConfig swing;
   MarkerCenteringConfig centering;
