@@ -23,8 +23,8 @@ struct PaperTableOptions {
 /// images: mean and standard deviation of the corners' distances from where the pose puts them (reprojection) and, for
 /// rendered images, from where they truly are (position).
 /// Our reading (the paper states neither camera nor distances): a 0.16 m tag on the axis of a lens of 1400 px, 1.4 to
-/// 6.7 m away, turned -75 to 75 degrees about y or 0 to 90 about z; Table 1 sharp (0.5 px), without noise, white around;
-/// Table 2 with blur 0.8 px, noise, vignetting and a calibration that is a little wrong.
+/// 6.7 m away, turned -75 to 75 degrees about y or 0 to 90 about z; Table 1 sharp (0.5 px), without noise, white
+/// around; Table 2 with blur 0.8 px, noise, vignetting and a calibration that is a little wrong.
 int print_paper_table(int table, const PaperTableOptions& options);
 
 /// Adds `paper-table1` and `paper-table2` to the verb evaluate.

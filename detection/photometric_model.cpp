@@ -139,9 +139,9 @@ void TagImageModel::set(const TagAppearance& appearance) {
 
 PixelView TagImageModel::view(double x, double y, double reach_px) const {
   Views views(*this, reach_px);
-  const Eigen::Vector2d place = to_tag(x, y).array() + middle_;
+  const Eigen::Vector2d place = (to_tag(x, y).array() + middle_).max(0.0).min(static_cast<double>(pattern_.cells));
   const double w = appearance_.value[6] * x + appearance_.value[7] * y + 1.0;
-  return views.at({std::max(place.x(), 0.0), std::max(place.y(), 0.0)}, w).view;
+  return views.at({place.x(), place.y()}, w).view;
 }
 
 TagImageModel::Views::Views(const TagImageModel& model, double reach_px)

@@ -127,7 +127,7 @@ class TagImageModel {
 
   [[nodiscard]] Eigen::Vector2d to_tag(double x, double y) const;
 
-  /// The lines within `reach_px` of a place on the print.
+  /// The lines within `reach_px` of a place on the print, or of the print's nearest one.
   [[nodiscard]] PixelView view(double x, double y, double reach_px) const;
 
   /// Is there a black-white border on a piece of a grid line?
@@ -172,13 +172,12 @@ class TagImageModel {
       }
       if (most > most_reached) {
         for (std::size_t direction = 0; direction < 2; ++direction) {
-          const auto reached = [&](int i) {
-            const auto k = static_cast<std::size_t>(most_reached + i);
-            return std::abs(at[direction] - i) * px_per_cell_[direction][k] < reach;
-          };
+          const double low = at[direction] - here[direction];
+          const double high = 1.0 - low;
+          const double* const px = px_per_cell_[direction].data() + most_reached + here[direction];
           before[direction] = after[direction] = 0;
-          for (int i = here[direction]; reached(i); --i) ++before[direction];
-          for (int i = here[direction] + 1; reached(i); ++i) ++after[direction];
+          while ((low + before[direction]) * px[-before[direction]] < reach) ++before[direction];
+          while ((high + after[direction]) * px[1 + after[direction]] < reach) ++after[direction];
         }
         rare_ = entry(here, before, after);
         return rare_;

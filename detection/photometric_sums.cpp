@@ -101,13 +101,14 @@ class TagSums {
 
   /// Samples that see the same lines.
   void add(TagSample* first, std::size_t count) {
-    const A::Vector before = scatter_ != nullptr ? gradient() : A::Vector::Zero();
     if (first->view.kind == PixelView::general)
       add_general(first, count);
     else
       add_border(first, count);
     if (scatter_ == nullptr) return;
-    const A::Vector own = gradient() - before;
+    const A::Vector now = gradient();
+    const A::Vector own = now - before_;
+    before_ = now;
     scatter_->views += own * own.transpose();
     ++scatter_->count;
   }
@@ -140,7 +141,7 @@ class TagSums {
   TAGDOCK_WIDE void add_border(TagSample* first, std::size_t count);
   TAGDOCK_WIDE void add_general(TagSample* first, std::size_t count);
   /// Of everything so far.
-  A::Vector gradient();
+  [[nodiscard]] A::Vector gradient() const;
   [[nodiscard]] Eigen::Matrix<double, 9, 4> border_directions(const Line& line, std::size_t side) const;
   [[nodiscard]] static std::array<Eigen::Index, 9> border_parameters(std::size_t direction);
   void move_light(TriangleSum<light_count>& sums);
@@ -149,7 +150,8 @@ class TagSums {
   const TagImageModel& model_;
   const A::Vector& p_;
   const PixelNoise* noise_;
-  Scatter* scatter_;  ///< if given, squared slopes are summed in the place of information
+  A::Vector before_ = A::Vector::Zero();  ///< the gradient before a group of samples
+  Scatter* scatter_;                      ///< if given, squared slopes are summed in the place of information
   std::array<float, 6> light_{};
   float exponent_ = 1.0F;
   float toe_ = 0.0F, toe_ln_ = 0.0F, range_ln_ = 0.0F, per_range_ = 1.0F;  ///< of the tone curve
@@ -518,9 +520,9 @@ Eigen::Matrix<double, 9, 4> TagSums::border_directions(const Line& line, std::si
   return by;
 }
 
-A::Vector TagSums::gradient() {
-  move_general();
+A::Vector TagSums::gradient() const {
   A::Vector result = result_.gradient;
+  for (std::size_t i = 0; i < A::count; ++i) result[static_cast<Eigen::Index>(i)] += sum(general_.gradient[i]);
   for (std::size_t direction = 0; direction < 2; ++direction)
     for (std::size_t i = 0; i < borders_[direction].size(); ++i)
       for (std::size_t side = 0; side < 2; ++side) {

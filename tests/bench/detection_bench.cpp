@@ -211,10 +211,6 @@ std::vector<Condition> conditions() {
   all.push_back(changed("dark neighbour", [](Shot& shot, std::mt19937_64& random) {
     shot.scene.patches.push_back(beside_a_side(shot.scene, random, -5.5, 5.5, 4.5, 6.5, 20.0));
   }));
-  all.push_back(changed("shadow", [](Shot& shot, std::mt19937_64& random) {
-    // Not a shadow's law (it would scale what lies under it) but a grey card over a corner.
-    shot.scene.patches.push_back(beside_a_side(shot.scene, random, 2.5, 6.0, 2.5, 6.0, 90.0));
-  }));
   for (const double path : {2.0, 5.0})
     all.push_back(
         changed("motion " + std::to_string(static_cast<int>(path)), [path](Shot& shot, std::mt19937_64& random) {
@@ -235,7 +231,7 @@ std::vector<Condition> conditions() {
                    shot.scene.blur_px = 1.5;
                    return shot;
                  }});
-  all.push_back({"everything, mildly", [](std::mt19937_64& random) {
+  all.push_back({"everything mildly", [](std::mt19937_64& random) {
                    Shot shot = under_barrel(random, 80.0);
                    shot.scene.slope = Vector2d(0.001, -0.001);
                    shot.scene.bleed = 0.02;
