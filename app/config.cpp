@@ -149,12 +149,6 @@ void visit(Fields& fields, Config& config) {
 
 }  // namespace
 
-TagLocatorConfig locator_while_docking() {
-  TagLocatorConfig locator;
-  locator.method = CornerMethod::tanh;
-  return locator;
-}
-
 Config read_config(YamlMap map) {
   Config config;
   FieldReader reader(map);

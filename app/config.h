@@ -28,17 +28,13 @@ struct SimulationConfig {
   SimulationFaults faults;
 };
 
-TagLocatorConfig locator_while_docking();
-
 /// Everything a docking needs to know, read and checked once and then const. The defaults dock the simulated robot.
 struct Config {
   CameraConfig camera;
   std::string robot = "sim";  ///< sim or none
   Rig rig = default_rig();
   Board board = default_board(0.35);
-  /// tanh while docking: the whole-tag fit takes 2.4 times as long for a clean tag (corner_bench), which delays the
-  /// commands on a small machine. Seed 1 in-process ended 0.2 mm, 0.7 mm and 0.04 degrees apart with the two.
-  TagLocatorConfig locator = locator_while_docking();
+  TagLocatorConfig locator;
   DockingConfig docking;
   SimulationConfig simulation;
 };

@@ -1,5 +1,6 @@
 #include "app/csv_table.h"
 
+#include <algorithm>
 #include <charconv>
 #include <cmath>
 #include <fstream>
@@ -9,14 +10,20 @@
 namespace tagdock {
 namespace {
 
+std::string without_margins(const std::string& text) {
+  const std::size_t first = text.find_first_not_of(" \t");
+  return first == std::string::npos ? "" : text.substr(first, text.find_last_not_of(" \t") - first + 1);
+}
+
 std::vector<std::string> split(const std::string& line) {
   std::vector<std::string> cells(1);
   for (const char letter : line) {
     if (letter == ',')
       cells.emplace_back();
-    else if (letter != ' ' && letter != '\t')
+    else
       cells.back() += letter;
   }
+  for (std::string& cell : cells) cell = without_margins(cell);
   return cells;
 }
 
@@ -67,6 +74,20 @@ int CsvTable::integer(std::size_t row, std::size_t column) const {
   if (value != std::floor(value) || std::abs(value) > 1e9)
     refuse(row, header_[column] + " is " + lines_[row].cells[column] + "; it must be a whole number");
   return static_cast<int>(value);
+}
+
+bool CsvTable::has(const std::string& column) const {
+  return std::find(header_.begin(), header_.end(), column) != header_.end();
+}
+
+std::string CsvTable::text(std::size_t row, const std::string& column) const {
+  const auto found = std::find(header_.begin(), header_.end(), column);
+  return found == header_.end() ? "" : lines_[row].cells[static_cast<std::size_t>(found - header_.begin())];
+}
+
+std::optional<double> CsvTable::number(std::size_t row, const std::string& column) const {
+  if (text(row, column).empty()) return std::nullopt;
+  return number(row, this->column(column));
 }
 
 void CsvTable::refuse(std::size_t row, const std::string& sentence) const {

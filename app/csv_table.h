@@ -2,13 +2,14 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <optional>
 #include <string>
 #include <vector>
 
 namespace tagdock {
 
-/// A CSV file of numbers as CONTRACTS.md has them: one header line, commas, no quotes; columns that nobody asks for are
-/// passed over. Every refusal is a Failure(usage) that names file, line, column and value.
+/// A CSV file as CONTRACTS.md has them: one header line, commas, no quotes; columns that nobody asks for are passed
+/// over. Every refusal is a Failure(usage) that names file, line, column and value.
 class CsvTable {
  public:
   static CsvTable load(const std::filesystem::path& file);
@@ -18,6 +19,14 @@ class CsvTable {
   [[nodiscard]] std::size_t column(const std::string& name) const;
   [[nodiscard]] double number(std::size_t row, std::size_t column) const;
   [[nodiscard]] int integer(std::size_t row, std::size_t column) const;
+
+  // Columns that may be missing.
+  [[nodiscard]] bool has(const std::string& column) const;
+  /// Empty where the column is not there.
+  [[nodiscard]] std::string text(std::size_t row, const std::string& column) const;
+  /// None where the column is not there or the cell is empty.
+  [[nodiscard]] std::optional<double> number(std::size_t row, const std::string& column) const;
+
   /// A refusal of a row in the same form; for checks that span several values.
   [[noreturn]] void refuse(std::size_t row, const std::string& sentence) const;
 

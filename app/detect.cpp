@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <array>
-#include <charconv>
 #include <cmath>
 #include <cstdio>
 #include <ctime>
@@ -19,16 +18,21 @@
 #include <string>
 #include <vector>
 
+#include <Eigen/Eigenvalues>
 #include <nlohmann/json.hpp>
 #include <opencv2/imgcodecs.hpp>
 
 #include "app/annotation.h"
 #include "app/camera_file.h"
+#include "app/csv_table.h"
+#include "app/explanation.h"
 #include "app/failure.h"
 #include "app/image_file.h"
 #include "app/verbs.h"
+#include "detection/photometric_refiner.h"
 #include "detection/tag_locator.h"
 #include "detection/tag_pose.h"
+#include "planning/pose2.h"
 
 namespace tagdock {
 namespace {
@@ -49,6 +53,7 @@ struct Found {
   double size = 0.0;
   std::vector<TagPose> poses;
   double log_odds = 0.0;  ///< of the first pose against the second; only with two
+  std::string warnings;   ///< on the pose, words joined by '+'
   double time_ms = 0.0;
 };
 
@@ -63,81 +68,7 @@ struct Seen {
 
 [[noreturn]] void refuse(const std::string& sentence) { throw Failure(ExitCode::usage, sentence); }
 
-/// A CSV file of ours: a header line, then as many values a line. Quotes are not needed and not read.
-class Table {
- public:
-  explicit Table(const std::string& file) : file_(file) {
-    std::ifstream stream(file, std::ios::binary);
-    if (!stream) refuse(file + ": cannot be opened");
-    std::string line;
-    for (int number = 1; std::getline(stream, line); ++number) {
-      if (!line.empty() && line.back() == '\r') line.pop_back();
-      if (number == 1 && line.starts_with("\xef\xbb\xbf")) line.erase(0, 3);
-      if (line.empty()) continue;
-      std::vector<std::string> cells = split(line);
-      if (header_.empty()) {
-        header_ = cells;
-        continue;
-      }
-      if (cells.size() != header_.size())
-        refuse(file + ":" + std::to_string(number) + ": " + std::to_string(cells.size()) +
-               " values, but the header has " + std::to_string(header_.size()));
-      rows_.push_back({number, cells});
-    }
-    if (header_.empty()) refuse(file + ":1: no header line");
-  }
-
-  [[nodiscard]] std::size_t rows() const { return rows_.size(); }
-  [[nodiscard]] bool has(const std::string& column) const {
-    return std::find(header_.begin(), header_.end(), column) != header_.end();
-  }
-
-  /// Empty where the column is not there.
-  [[nodiscard]] std::string text(std::size_t row, const std::string& column) const {
-    const auto found = std::find(header_.begin(), header_.end(), column);
-    return found == header_.end() ? "" : rows_[row].cells[static_cast<std::size_t>(found - header_.begin())];
-  }
-
-  [[nodiscard]] std::optional<double> number(std::size_t row, const std::string& column) const {
-    const std::string cell = text(row, column);
-    if (cell.empty()) return std::nullopt;
-    double value = 0.0;
-    const auto [end, error] = std::from_chars(cell.data(), cell.data() + cell.size(), value);
-    if (error != std::errc() || end != cell.data() + cell.size() || !std::isfinite(value))
-      complain(row, column + " is " + cell + ", which is not a finite number");
-    return value;
-  }
-
-  [[noreturn]] void complain(std::size_t row, const std::string& sentence) const {
-    refuse(file_ + ":" + std::to_string(rows_[row].line) + ": " + sentence);
-  }
-
-  void need(const std::string& column) const {
-    if (!has(column)) refuse(file_ + ":1: the column " + column + " is missing");
-  }
-
- private:
-  struct Row {
-    int line;
-    std::vector<std::string> cells;
-  };
-
-  static std::vector<std::string> split(const std::string& line) {
-    std::vector<std::string> cells(1);
-    for (const char c : line)
-      if (c == ',')
-        cells.emplace_back();
-      else
-        cells.back() += c;
-    return cells;
-  }
-
-  std::string file_;
-  std::vector<std::string> header_;
-  std::vector<Row> rows_;
-};
-
-std::optional<CameraModel> listed_camera(const Table& table, std::size_t row) {
+std::optional<CameraModel> listed_camera(const CsvTable& table, std::size_t row) {
   CameraModel camera;
   camera.width = camera.height = 1;  // the image's size is put in once it is read
   const std::pair<const char*, double*> needed[] = {
@@ -154,14 +85,14 @@ std::optional<CameraModel> listed_camera(const Table& table, std::size_t row) {
     }
   }
   if (given == 0) return std::nullopt;
-  if (given < 4) table.complain(row, missing + " is missing, but other values of a camera are given");
+  if (given < 4) table.refuse(row, missing + " is missing, but other values of a camera are given");
   const std::pair<const char*, double*> optional[] = {
       {"k1", &camera.k1}, {"k2", &camera.k2}, {"p1", &camera.p1}, {"p2", &camera.p2}, {"k3", &camera.k3}};
   for (const auto& [column, place] : optional) *place = table.number(row, column).value_or(0.0);
   try {
     check(camera);
   } catch (const std::invalid_argument& error) {
-    table.complain(row, error.what());
+    table.refuse(row, error.what());
   }
   return camera;
 }
@@ -174,17 +105,17 @@ std::vector<Job> jobs_of(const DetectOptions& options) {
     jobs.push_back({image, file, options.family, options.tag_size, std::nullopt});
   }
   if (!options.list.empty()) {
-    const Table table(options.list);
-    table.need("image");
+    const CsvTable table = CsvTable::load(options.list);
+    (void)table.column("image");
     const std::filesystem::path root =
         options.root.empty() ? std::filesystem::path(options.list).parent_path() : std::filesystem::path(options.root);
     for (std::size_t row = 0; row < table.rows(); ++row) {
       Job job{table.text(row, "image"), {}, options.family, options.tag_size, std::nullopt};
-      if (job.name.empty()) table.complain(row, "image is empty");
+      if (job.name.empty()) table.refuse(row, "image is empty");
       job.file = root / job.name;
       if (const std::string family = table.text(row, "family"); !family.empty()) job.family = family;
       job.tag_size = table.number(row, "tag_size").value_or(options.tag_size);
-      if (job.tag_size < 0.0) table.complain(row, "tag_size must be positive");
+      if (job.tag_size < 0.0) table.refuse(row, "tag_size must be positive");
       job.camera = listed_camera(table, row);
       jobs.push_back(job);
     }
@@ -195,17 +126,17 @@ std::vector<Job> jobs_of(const DetectOptions& options) {
 std::map<int, double> sizes_of(const std::string& file) {
   std::map<int, double> sizes;
   if (file.empty()) return sizes;
-  const Table table(file);
+  const CsvTable table = CsvTable::load(file);
   const std::string size_column = table.has("tag_size") ? "tag_size" : "size";
-  table.need("id");
-  table.need(size_column);
+  (void)table.column("id");
+  (void)table.column(size_column);
   for (std::size_t row = 0; row < table.rows(); ++row) {
     const std::optional<double> id = table.number(row, "id");
     const std::optional<double> size = table.number(row, size_column);
-    if (!id || *id != std::floor(*id) || *id < 0 || *id > 1e9) table.complain(row, "id must be a whole number");
-    if (!size || !(*size > 0.0)) table.complain(row, size_column + " must be positive");
+    if (!id || *id != std::floor(*id) || *id < 0 || *id > 1e9) table.refuse(row, "id must be a whole number");
+    if (!size || !(*size > 0.0)) table.refuse(row, size_column + " must be positive");
     if (!sizes.emplace(static_cast<int>(*id), *size).second)
-      table.complain(row, "the tag " + table.text(row, "id") + " is given twice");
+      table.refuse(row, "the tag " + table.text(row, "id") + " is given twice");
   }
   return sizes;
 }
@@ -216,6 +147,21 @@ double cpu_ms() {
   std::timespec now{};
   clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
   return 1e3 * static_cast<double>(now.tv_sec) + 1e-6 * static_cast<double>(now.tv_nsec);
+}
+
+/// Odds of 150 to 1 settle which of two poses it is (notes on detection, section 11).
+constexpr double settled_log_odds = 5.0;
+
+/// Near frontal the turn of a flat tag about axes in its plane enters the image by its square: where its sigma is half
+/// of the turn itself, or 3 degrees, the image does not tell it.
+bool yaw_undetermined(const TagPose& pose) {
+  const Eigen::Matrix3d R = pose.T_camera_tag.linear();
+  const Eigen::Vector3d sight = pose.T_camera_tag.translation().normalized();
+  const double tilt = std::acos(std::clamp(sight.dot(R.col(2)), -1.0, 1.0));
+  const Eigen::Matrix<double, 3, 2> in_plane = R.leftCols<2>();
+  const Eigen::Matrix2d covariance = in_plane.transpose() * pose.covariance.bottomRightCorner<3, 3>() * in_plane;
+  const double sigma = std::sqrt(Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d>(covariance).eigenvalues().maxCoeff());
+  return !(sigma < 0.5 * tilt && sigma < radians(3.0));
 }
 
 Found look_at(const cv::Mat1b& gray, const std::string& family, const TagDetection& detection, CornerMethod method,
@@ -236,7 +182,19 @@ Found look_at(const cv::Mat1b& gray, const std::string& family, const TagDetecti
     found.log_odds = 0.5 * (found.poses[1].chi2 - found.poses[0].chi2) / inflation;
   }
   found.time_ms = cpu_ms() - start;
+  if (found.poses.size() > 1 && found.log_odds < settled_log_odds) found.warnings = "ambiguous";
+  if (!found.poses.empty() && yaw_undetermined(found.poses[0]))
+    found.warnings += found.warnings.empty() ? "yaw_undetermined" : "+yaw_undetermined";
   return found;
+}
+
+/// Families whose codes differ in few bits decode in clutter too; there black and white must lie as the code says.
+bool is_clutter(const cv::Mat1b& gray, const std::string& family, const TagDetection& detection,
+                const std::optional<CameraModel>& camera) {
+  if (family != "tag16h5" && family != "tag25h9") return false;
+  const Refinement whole = refine_photometric(gray, family, detection, PhotometricConfig{}, camera);
+  const Unrefined* reason = std::get_if<Unrefined>(&whole);
+  return reason != nullptr && *reason != Unrefined::too_few_pixels;
 }
 
 // ---- writing -------------------------------------------------------------------------------------------------------
@@ -250,7 +208,7 @@ std::string header() {
   for (int i = 0; i < 4; ++i) line += ",sigma_x" + std::to_string(i) + ",sigma_y" + std::to_string(i);
   for (std::size_t i = 0; i < 6; ++i)
     for (std::size_t j = i; j < 6; ++j) line.append(",s").append(pose_axes[i]).append(pose_axes[j]);
-  line += ",reprojection_rms,tx2,ty2,tz2,qx2,qy2,qz2,qw2,log_odds,blur_px,terms,unrefined,tag_size";
+  line += ",reprojection_rms,tx2,ty2,tz2,qx2,qy2,qz2,qw2,log_odds,blur_px,terms,unrefined,tag_size,pose_warnings";
   return line;
 }
 
@@ -303,6 +261,7 @@ std::string csv_line(const std::string& image, const Found& found) {
   add(found.tag.blur_px);
   line += "," + found.tag.terms + "," + found.refused + ",";
   if (found.size > 0.0) line += exact(found.size);
+  line += "," + found.warnings;
   return line;
 }
 
@@ -337,6 +296,7 @@ nlohmann::json json_tag(const Found& found) {
                      {"terms", found.tag.terms},
                      {"unrefined", found.refused},
                      {"time_ms", found.time_ms},
+                     {"pose_warnings", found.warnings},
                      {"poses", poses}};
   if (found.poses.size() > 1) tag["log_odds"] = found.log_odds;
   if (found.size > 0.0) tag["tag_size"] = found.size;
@@ -358,7 +318,7 @@ class Album {
     if (folder_.empty()) return;
     std::vector<DrawnTag> tags;
     for (const Found& found : seen.tags) {
-      DrawnTag tag{found.tag.id, found.tag.corners_px, std::nullopt, found.size};
+      DrawnTag tag{found.tag.id, found.tag.corners_px, std::nullopt, found.size, found.tag.covariance_px2};
       if (!found.poses.empty()) tag.T_camera_tag = found.poses[0].T_camera_tag;
       tags.push_back(tag);
     }
@@ -467,6 +427,42 @@ std::optional<CameraModel> camera_of(const Job& job, const std::optional<CameraF
 
 }  // namespace
 
+int explain_image(const DetectOptions& options) {
+  if (!options.images.empty() || !options.list.empty()) refuse("--explain takes one image, without others or a list");
+  if (options.method != "best") refuse("--explain shows the method best; --method " + options.method + " has no page");
+  const Job job{options.explain, options.explain, options.family, options.tag_size, std::nullopt};
+  const auto image = read_grey(job.file);
+  if (const std::string* sentence = std::get_if<std::string>(&image)) refuse(*sentence);
+  const cv::Mat1b& gray = std::get<cv::Mat1b>(image);
+  const std::optional<CameraFile> file =
+      options.camera.empty() ? std::nullopt : std::optional(CameraFile::load(options.camera));
+  const std::optional<CameraModel> camera = camera_of(job, file, gray.size());
+  Detectors detectors(options);
+  const std::vector<TagDetection> detections = detectors.of(job.family).detect(gray);
+  std::error_code error;
+  std::filesystem::create_directories(options.pages, error);
+  if (error || !std::filesystem::is_directory(options.pages)) refuse("--pages " + options.pages + ": cannot be made");
+  std::set<std::string> used;
+  for (const TagDetection& detection : detections) {
+    const auto explained = explain_photometric(gray, job.family, detection, PhotometricConfig{}, camera);
+    if (const Unrefined* reason = std::get_if<Unrefined>(&explained)) {
+      std::cerr << "tagdock: tag " << detection.id << " has no page: " << word(*reason) << "\n";
+      continue;
+    }
+    const std::string stem = job.file.stem().string() + "-tag" + std::to_string(detection.id);
+    std::string name = stem;
+    for (int copy = 2; !used.insert(name).second; ++copy) name = stem + "-" + std::to_string(copy);
+    const std::filesystem::path page = std::filesystem::path(options.pages) / (name + ".html");
+    std::ofstream stream(page, std::ios::binary | std::ios::trunc);
+    stream << explanation_page(gray, job.name, job.family, std::get<PhotometricExplanation>(explained));
+    stream.flush();
+    if (!stream) refuse(page.string() + ": cannot be written");
+    std::cout << page.string() << "\n";
+  }
+  if (detections.empty()) std::cerr << "tagdock: " << job.name << ": no tag of " << job.family << "\n";
+  return static_cast<int>(ExitCode::done);
+}
+
 int detect_images(const DetectOptions& options) {
   const std::optional<CornerMethod> method = corner_method(options.method);
   if (!method) refuse("--method " + options.method + " is unknown; known are apriltag, tanh, filter, erf, best");
@@ -493,6 +489,11 @@ int detect_images(const DetectOptions& options) {
     const cv::Mat1b& gray = std::get<cv::Mat1b>(image);
     Seen seen{&job, gray.size(), camera_of(job, camera, gray.size()), {}};
     for (const TagDetection& detection : detectors.of(job.family).detect(gray)) {
+      if (is_clutter(gray, job.family, detection, seen.camera)) {
+        std::cerr << "tagdock: " << job.name << ": " << job.family << " " << detection.id
+                  << " is not shown: its code was read, but black and white do not lie as on that tag\n";
+        continue;
+      }
       const auto size = sizes.find(detection.id);
       seen.tags.push_back(look_at(gray, job.family, detection, *method, seen.camera,
                                   size == sizes.end() ? job.tag_size : size->second));
@@ -524,10 +525,13 @@ const char* const details =
     "it\n"
     "  blur_px,terms         sigma of the edges' spread; which terms of the model were on\n"
     "  unrefined             empty, or why the corners are the library's own: too_few_pixels, left_the_edge,\n"
-    "                        did_not_converge, not_a_quadrilateral\n"
+    "                        did_not_converge, not_a_quadrilateral, other_pattern\n"
     "  tag_size              m, as used\n"
+    "  pose_warnings         empty, or words joined by +: ambiguous (the odds of the poses are below 150 to 1),\n"
+    "                        yaw_undetermined (near frontal: turns about axes in the tag's plane are not told)\n"
     "--json writes one object {images: [{image, width, height, tags: [{id, corners_px, sigma_px, hamming, margin,\n"
-    "  residual_rms, chi2_per_pixel, blur_px, terms, unrefined, time_ms, tag_size, log_odds, poses: [{T_camera_tag,\n"
+    "  residual_rms, chi2_per_pixel, blur_px, terms, unrefined, time_ms, pose_warnings, tag_size, log_odds, poses: "
+    "[{T_camera_tag,\n"
     "  covariance, reprojection_rms_px, chi2}]}]}], unreadable: [{image, reason}]}.\n"
     "Exit code 2 if an image could not be read; the others are still done.";
 
@@ -551,10 +555,15 @@ void add_detect(CLI::App& program, Action& action) {
       ->capture_default_str();
   verb->add_option("--max-hamming", options->max_hamming, "corrected bits allowed, 0 to 2")->capture_default_str();
   verb->add_option("--output", options->output, "write there instead of to stdout");
-  verb->add_option("--annotate", options->annotate, "folder for pictures with outline, id, corners and axes");
+  verb->add_option("--annotate", options->annotate,
+                   "folder for pictures with outline, id, corners, axes, magnified uncertainty and residuals");
+  verb->add_option("--explain", options->explain, "instead: one HTML page per tag of this image, on how it was fitted");
+  verb->add_option("--pages", options->pages, "folder for the pages of --explain")->capture_default_str();
   verb->add_flag("--json", options->json, "one JSON object instead of CSV");
   verb->footer(details);
-  verb->callback([options, &action] { action = [options] { return detect_images(*options); }; });
+  verb->callback([options, &action] {
+    action = [options] { return options->explain.empty() ? detect_images(*options) : explain_image(*options); };
+  });
 }
 
 }  // namespace tagdock

@@ -19,8 +19,13 @@ struct DetectOptions {
   int max_hamming = 1;
   std::string output;
   std::string annotate;
+  std::string explain;      ///< an image; its tags get a page each
+  std::string pages = ".";  ///< folder for these
   bool json = false;
 };
+
+/// Writes one HTML page for each tag of one image, on how it was fitted. Throws as detect_images.
+int explain_image(const DetectOptions& options);
 
 /// Looks for tags in images, one after the other, and writes them as CSV or JSON and as pictures.
 /// Throws Failure(usage) for options, lists and camera files that make no sense.

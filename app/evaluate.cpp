@@ -13,9 +13,9 @@
 #include "app/evaluate_measurements.h"
 #include "app/evaluation_report.h"
 #include "app/failure.h"
-#include "app/rig_file.h"
-#include "app/step_response.h"
+#include "app/paper_tables.h"
 #include "app/set_report.h"
+#include "app/step_response.h"
 #include "app/verbs.h"
 
 namespace tagdock {
@@ -279,6 +279,7 @@ void add_evaluate(CLI::App& program, Action& action) {
       "  tagdock evaluate --runs 200 --ablation --output ablation\n"
       "  tagdock evaluate --runs 20 --images on --output seen");
   add_step_response(*verb, action);
+  add_paper_tables(*verb, action);
   add_measurements(*verb, action);
   verb->callback([options, verb, &action] {
     if (!verb->get_subcommands().empty()) return;  // it has an action of its own

@@ -26,7 +26,7 @@ struct EdgeLook {
 /// @param modules  cells along a side
 EdgeLook look_at_edges(const cv::Mat1b& gray, const Corners& corners_px, int modules);
 
-/// The paper names no rule, so this one is ours; tests/bench/corner_bench.cpp prints what each kernel does.
+/// The paper names no rule, so this one is ours; the notes and tests/bench/detection_bench.cpp measure what it does.
 /// - A kernel that reaches past the neighbouring cells harms (small and strongly tilted tags): none below 5 px a cell.
 /// - Edges sharper than the pixel along the pixel grid are nearly steps, for which the S-function is wrong: gauss_5.
 /// - Other sharp edges: gauss_3.

@@ -8,7 +8,7 @@
 namespace tagdock {
 namespace {
 
-bool bends(const CameraModel& camera) {
+bool bends_lines(const CameraModel& camera) {
   return camera.k1 != 0.0 || camera.k2 != 0.0 || camera.p1 != 0.0 || camera.p2 != 0.0 || camera.k3 != 0.0 ||
          camera.k4 != 0.0 || camera.k5 != 0.0 || camera.k6 != 0.0;
 }
@@ -19,7 +19,7 @@ std::optional<LensPatch> LensPatch::make(const std::optional<CameraModel>& camer
                                          const Eigen::Vector2d& high) {
   LensPatch patch;
   patch.shift_.fill(Coefficients::Zero());
-  if (!camera || !bends(*camera)) return patch;
+  if (!camera || !bends_lines(*camera)) return patch;
   patch.camera_ = camera;
   patch.middle_ = 0.5 * (low + high);
   patch.half_ = (0.5 * (high - low)).cwiseMax(1.0);
@@ -68,6 +68,31 @@ LensPatch::Place LensPatch::at(const Eigen::Vector2d& pixel) const {
     place.by_pixel(axis, 1) += by_y / half_.y();
   }
   return place;
+}
+
+LensPatch::Row::Row(const LensPatch& patch, double y) : y_(y), bent_(patch.bends()) {
+  if (!bent_) return;
+  middle_ = patch.middle_.x();
+  half_ = patch.half_.x();
+  const double t = (y - patch.middle_.y()) / patch.half_.y();
+  for (std::size_t k = 0; k < 2; ++k)
+    for (int row = degree; row >= 0; --row)
+      for (int column = 0; column <= degree; ++column) {
+        double& value = shift_[k][static_cast<std::size_t>(column)];
+        value = value * t + patch.shift_[k](row, column);
+      }
+}
+
+Eigen::Vector2d LensPatch::Row::undistorted(double x) const {
+  if (!bent_) return {x, y_};
+  const double t = (x - middle_) / half_;
+  double dx = 0.0;
+  double dy = 0.0;
+  for (std::size_t i = shift_[0].size(); i-- > 0;) {
+    dx = dx * t + shift_[0][i];
+    dy = dy * t + shift_[1][i];
+  }
+  return {x + dx, y_ + dy};
 }
 
 Eigen::Vector2d LensPatch::distorted(const Eigen::Vector2d& undistorted) const {

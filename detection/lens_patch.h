@@ -30,11 +30,26 @@ class LensPatch {
 
   [[nodiscard]] Place at(const Eigen::Vector2d& pixel) const;
 
+  [[nodiscard]] bool bends() const { return camera_.has_value(); }
+
+  /// One row of pixels: its polynomials of the column alone.
+  class Row {
+   public:
+    Row(const LensPatch& patch, double y);
+    [[nodiscard]] Eigen::Vector2d undistorted(double x) const;
+
+   private:
+    double y_;
+    bool bent_;
+    double middle_ = 0.0, half_ = 1.0;
+    std::array<std::array<double, 7>, 2> shift_{};  ///< by powers of (x - middle) / half
+  };
+
   /// The pixel that an undistorted pixel is seen at.
   [[nodiscard]] Eigen::Vector2d distorted(const Eigen::Vector2d& undistorted) const;
 
  private:
-  static constexpr int degree = 6;
+  static constexpr int degree = 6;                                     // Row has seven powers
   using Coefficients = Eigen::Matrix<double, degree + 1, degree + 1>;  ///< of x^column y^row in [-1, 1]^2
 
   std::optional<CameraModel> camera_;

@@ -50,13 +50,19 @@ class BivariateNormal {
   /// @param at_p, at_q  normal(p), normal(q)
   [[nodiscard]] Normal2 at(double p, const Normal& at_p, double q, const Normal& at_q) const;
 
+  /// cumulative(p, q) = Phi(p) Phi(q) + sum of weight exp(scale (p^2 + q^2 - 2 p q sine)).
+  struct Points {
+    double correlation = 0.0;
+    double per_rest = 1.0;  ///< 1 / sqrt(1 - correlation^2)
+    int count = 0;
+    std::array<double, 3> sine{};  ///< of the angles of the integral
+    std::array<double, 3> scale{};
+    std::array<double, 3> weight{};
+  };
+  [[nodiscard]] const Points& points() const { return points_; }
+
  private:
-  double correlation_ = 0.0;
-  double per_rest_ = 1.0;  ///< 1 / sqrt(1 - correlation^2)
-  int points_ = 0;
-  std::array<double, 3> sine_{};  ///< of the angles of the integral
-  std::array<double, 3> scale_{};
-  std::array<double, 3> weight_{};
+  Points points_;
 };
 
 }  // namespace tagdock

@@ -23,7 +23,7 @@ bool plausible(const A::Vector& p) {
   const double yy = p[A::blur_yy];
   return p.allFinite() && xx > least_blur && yy > least_blur && xx < most_blur && yy < most_blur &&
          xx * yy - p[A::blur_xy] * p[A::blur_xy] > least_blur * least_blur && std::abs(p[A::bleed]) < 0.35 &&
-         p[A::tone] > 0.25 && p[A::tone] < 2.0;
+         p[A::tone] > 0.3 && p[A::tone] < 1.6;
 }
 
 /// Holds the blur where a pixel's box leaves it: without any optics it is 1/12, and edges that fall between pixels tell
@@ -41,7 +41,7 @@ bool hold_blur(A::Vector& p) {
 }
 
 Equations equations(const TagImageModel& model, std::vector<TagSample>& samples, const PixelNoise* noise) {
-  Equations sum = model.equations(samples, Sum::information, 1, noise);
+  Equations sum = model.equations(samples, noise);
   for (const int i : {A::white + 1, A::white + 2, A::drop + 1, A::drop + 2}) {
     const double value = model.appearance().value[i];
     sum.cost += value * value / (slope_sigma * slope_sigma);
@@ -95,14 +95,16 @@ PhotometricFit fit_appearance(TagImageModel& model, std::vector<TagSample>& samp
     if (factor.info() == Eigen::Success) {
       const Eigen::VectorXd step = factor.solve(b);
       predicted = b.dot(step);
-      if (predicted < enough) {
-        fit.converged = true;
-        break;
-      }
       const TagAppearance last = model.appearance();
       TagAppearance next = last;
       for (Eigen::Index i = 0; i < step.size(); ++i) next.value[free[static_cast<std::size_t>(i)]] -= step[i];
       const bool held = hold_blur(next.value);
+      if (predicted < enough) {
+        // The last step is so short that what it leaves, by its square, needs no look at the pixels.
+        if (plausible(next.value)) model.set(next);
+        fit.converged = true;
+        break;
+      }
       if (plausible(next.value)) {
         model.set(next);
         const Equations at = equations(model, samples, nullptr);

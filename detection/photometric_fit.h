@@ -18,8 +18,10 @@ struct PhotometricFit {
 };
 
 /// Levenberg-Marquardt over the free parameters. The model is left at the best appearance, the samples with what it
-/// gives them there.
-/// @param enough  stops when a further step would lower the cost by less than this
+/// gives them there, or one short step before.
+/// @param enough  a step that should lower the cost by less than this is the last one; it is taken, and the sums and
+/// the
+///                samples stay as they were before it
 /// @param noise   if given, sets the samples' variances at the start
 PhotometricFit fit_appearance(TagImageModel& model, std::vector<TagSample>& samples, const FreeParameters& free,
                               int max_iterations, double enough, const PixelNoise* noise = nullptr);

@@ -137,31 +137,49 @@ void TagImageModel::set(const TagAppearance& appearance) {
       }
 }
 
-PixelView TagImageModel::view(double x, double y, const Eigen::Vector2d& place, double reach_px) const {
-  PixelView view;
-  const int cells = pattern_.cells;
+PixelView TagImageModel::view(double x, double y, double reach_px) const {
+  Views views(*this, reach_px);
+  const Eigen::Vector2d place = (to_tag(x, y).array() + middle_).max(0.0).min(static_cast<double>(pattern_.cells));
+  const double w = appearance_.value[6] * x + appearance_.value[7] * y + 1.0;
+  return views.at({place.x(), place.y()}, w).view;
+}
+
+TagImageModel::Views::Views(const TagImageModel& model, double reach_px)
+    : model_(model),
+      reach_px_(reach_px),
+      table_(static_cast<std::size_t>(model.pattern_.cells * model.pattern_.cells * cases * cases * cases * cases)) {
   for (std::size_t direction = 0; direction < 2; ++direction) {
-    const double at = place[static_cast<Eigen::Index>(direction)] + middle_;
-    const int here = static_cast<int>(std::clamp(at, 0.0, cells - 1.0));
-    const auto reached = [&](int i) {
-      const Line& line = lines_[direction][static_cast<std::size_t>(i)][0];
-      return std::abs((line.a * x + line.b * y + line.c) * line.per_px) < reach_px;
-    };
-    int first = here + 1;
-    int last = here;
-    while (first > 1 && reached(first - 1)) --first;
-    while (last + 1 < cells && reached(last + 1)) ++last;
-    view.first[direction] = static_cast<std::int8_t>(first);
-    view.last[direction] = static_cast<std::int8_t>(last);
+    px_per_cell_[direction].fill(1e18);
+    for (std::size_t i = 1; i < static_cast<std::size_t>(model.pattern_.cells); ++i)
+      px_per_cell_[direction][most_reached + i] = model.lines_[direction][i][0].per_px;
+    const auto& g = model.appearance_.value;
+    const Eigen::Index row = direction == 0 ? 0 : 3;
+    for (const int side : {0, 1}) {
+      const double place = side == 0 ? -model.middle_ : model.middle_;
+      const Eigen::RowVector2d across(g[row] - place * g[6], g[row + 1] - place * g[7]);
+      rim_px_[direction][static_cast<std::size_t>(side)] = model.side_px_ / (across * model.lens_.centre).norm();
+    }
   }
-  const int column = view.first[0] - 1;
-  const int row = view.first[1] - 1;
-  view.white = static_cast<std::int8_t>(cell(column, row));
+}
+
+TagImageModel::Views::Entry TagImageModel::Views::entry(const std::array<int, 2>& here,
+                                                        const std::array<int, 2>& before,
+                                                        const std::array<int, 2>& after) {
+  const int first_u = here[0] + 1 - before[0];
+  const int last_u = here[0] + after[0];
+  const int first_v = here[1] + 1 - before[1];
+  const int last_v = here[1] + after[1];
+  Entry made;
+  PixelView& view = made.view;
+  view.first = {static_cast<std::int8_t>(first_u), static_cast<std::int8_t>(first_v)};
+  view.last = {static_cast<std::int8_t>(last_u), static_cast<std::int8_t>(last_v)};
+  const int column = first_u - 1;
+  const int row = first_v - 1;
+  view.white = static_cast<std::int8_t>(model_.cell(column, row));
   int steps = 0;
   bool corners = false;
   const auto border = [&](std::size_t direction, int i) {
-    const Line& line = lines_[direction][static_cast<std::size_t>(i)][0];
-    view.border_px = std::min(view.border_px, std::abs((line.a * x + line.b * y + line.c) * line.per_px));
+    made.borders[direction] = static_cast<std::uint16_t>(made.borders[direction] | (1U << i));
   };
   const auto count = [&](std::size_t direction, int i, int step) {
     if (step == 0) return;
@@ -171,17 +189,20 @@ PixelView TagImageModel::view(double x, double y, const Eigen::Vector2d& place, 
     view.step = static_cast<std::int8_t>(step);
     border(direction, i);
   };
-  for (int i = view.first[0]; i <= view.last[0]; ++i) count(0, i, cell(i, row) - cell(i - 1, row));
-  for (int j = view.first[1]; j <= view.last[1]; ++j) count(1, j, cell(column, j) - cell(column, j - 1));
-  for (int j = view.first[1]; j <= view.last[1]; ++j)
-    for (int i = view.first[0]; i <= view.last[0]; ++i) {
-      if (vertices_[0][node(i, j)][0].sign == 0) continue;
+  for (int i = first_u; i <= last_u; ++i) count(0, i, model_.cell(i, row) - model_.cell(i - 1, row));
+  for (int j = first_v; j <= last_v; ++j) count(1, j, model_.cell(column, j) - model_.cell(column, j - 1));
+  for (int j = first_v; j <= last_v; ++j)
+    for (int i = first_u; i <= last_u; ++i) {
+      if (model_.vertices_[0][model_.node(i, j)][0].sign == 0) continue;
       corners = true;
       border(0, i);
       border(1, j);
     }
   view.kind = corners || steps > 1 ? PixelView::general : steps == 1 ? PixelView::line : PixelView::flat;
-  return view;
+  const auto known = std::find_if(groups_.begin(), groups_.end(), [&](const PixelView& g) { return alike(g, view); });
+  made.group = static_cast<std::uint16_t>(known - groups_.begin());
+  if (known == groups_.end()) groups_.push_back(view);
+  return made;
 }
 
 namespace {
@@ -197,31 +218,23 @@ Step boxed(const Normal& gauss, double z, double fourth) {
           gauss.density * (1.0 + fourth * (z2 * (z2 - 6.0) + 3.0))};
 }
 
-/// The tone curve: grey value and its derivative by the light. Light below a thousandth of a grey level is held there,
-/// where a power has no derivative.
+/// The tone curve: grey value and its derivatives. Light below zero by the toe has none: it is held there.
 struct Toned {
   double grey, by_light, by_exponent;
 };
 
-const std::array<double, 257> tone_slopes = [] {
-  std::array<double, 257> table{};
-  for (std::size_t i = 1; i < table.size(); ++i)
-    table[i] = static_cast<double>(i) * std::log(static_cast<double>(i) / 255.0);
-  return table;
-}();
-
 inline Toned toned(double light, double exponent) {
-  if (exponent == 1.0) {
-    // Only the score test looks at the exponent's derivative here: light ln(light/255) from a table of whole levels.
-    const double held = std::clamp(light, 0.0, 255.0);
-    const auto index = static_cast<std::size_t>(held);
-    return {light, 1.0,
-            tone_slopes[index] + (held - static_cast<double>(index)) * (tone_slopes[index + 1] - tone_slopes[index])};
-  }
-  const double share = std::max(light, 1e-3) / 255.0;
-  const double logarithm = std::log(share);
-  const double grey = 255.0 * std::exp(exponent * logarithm);
-  return {grey, exponent * grey / (255.0 * share), grey * logarithm};
+  const double share = std::max(light / 255.0 + tone_toe, 1e-4);
+  const double toe = std::pow(tone_toe, exponent);
+  const double whole = std::pow(1.0 + tone_toe, exponent);
+  const double power = std::pow(share, exponent);
+  const double range = whole - toe;
+  const double part = (power - toe) / range;
+  const double by_exponent = (power * std::log(share) - toe * std::log(tone_toe) -
+                              part * (whole * std::log1p(tone_toe) - toe * std::log(tone_toe))) /
+                             range;
+  if (exponent == 1.0) return {light, 1.0, 255.0 * by_exponent};
+  return {255.0 * part, exponent * power / share / range, 255.0 * by_exponent};
 }
 
 }  // namespace
@@ -339,178 +352,12 @@ ModelledPixel TagImageModel::at(double x, double y, const PixelView& view) const
   return result;
 }
 
-namespace {
-
-/// Sums over pixels that see one border only: their derivatives span four directions of the geometry and seven of the
-/// light, so that 77 products a pixel do instead of 190.
-struct BorderSum {
-  std::array<double, 10> geometry{};  ///< lower triangle, row by row
-  std::array<std::array<double, 7>, 4> cross{};
-  std::array<double, 4> gradient{};
-  bool used = false;
-};
-
-/// The same of the light alone, for all pixels that see one border or none.
-struct LightSum {
-  std::array<double, 28> light{};
-  std::array<double, 7> gradient{};
-};
-
-}  // namespace
-
-Equations TagImageModel::equations(std::vector<TagSample>& samples, Sum sum, std::size_t stride,
-                                   const PixelNoise* noise) const {
-  const auto& g = appearance_.value;
-  const double exponent = g[A::tone];
-  Equations result;
-  std::array<std::array<std::array<BorderSum, 2>, most_lines>, 2> borders;
-  LightSum lights;
-  const auto add_light = [&](const std::array<double, 7>& by, double slope, double curvature) {
-    std::size_t k = 0;
-    for (std::size_t i = 0; i < 7; ++i) {
-      const double scaled = curvature * by[i];
-      for (std::size_t j = 0; j <= i; ++j) lights.light[k++] += scaled * by[j];
-      lights.gradient[i] += slope * by[i];
-    }
-  };
-  for (std::size_t s = 0; s < samples.size(); s += stride) {
-    TagSample& sample = samples[s];
-    const double x = sample.x;
-    const double y = sample.y;
-    if (sample.view.kind == PixelView::general) {
-      const ModelledPixel at = this->at(x, y, sample.view);
-      sample.modelled = at.grey;
-      sample.light = at.light;
-      sample.whiteness = at.whiteness;
-      if (noise) noise->apply(sample);
-      if (sample.weight == 0.0) continue;
-      const Misfit fit = misfit(at.grey, sample.grey, sample.variance);
-      result.cost += sample.weight * fit.cost;
-      const double slope = sample.weight * fit.slope;
-      const double curvature = sum == Sum::information ? sample.weight * fit.curvature : slope * slope;
-      for (Eigen::Index i = 0; i < A::count; ++i) {
-        const double scaled = curvature * at.by[i];
-        for (Eigen::Index j = 0; j <= i; ++j) result.hessian(j, i) += scaled * at.by[j];
-        result.gradient[i] += slope * at.by[i];
-      }
-      continue;
-    }
-    double r = sample.view.white;
-    double z = 0.0;
-    double unit = 0.0;
-    double by_z = 0.0;
-    if (sample.view.kind == PixelView::line) {
-      const Line& line = lines_[static_cast<std::size_t>(sample.view.direction)]
-                               [static_cast<std::size_t>(sample.view.index)][sample.view.step > 0 ? 1 : 0];
-      unit = line.unit + line.unit_x * x + line.unit_y * y;
-      z = (line.a * x + line.b * y + line.c) * unit;
-      const Step step = boxed(normal(z), z, line.fourth);
-      r += sample.view.step * step.value;
-      by_z = sample.view.step * step.slope;
-    }
-    const double drop = g[11] + g[12] * x + g[13] * y;
-    const double black = 1.0 - r;
-    sample.whiteness = r;
-    sample.light = g[8] + g[9] * x + g[10] * y - drop * black;
-    const Toned tone = toned(sample.light, exponent);
-    sample.modelled = tone.grey;
-    if (noise) noise->apply(sample);
-    if (sample.weight == 0.0) continue;
-    const Misfit fit = misfit(tone.grey, sample.grey, sample.variance);
-    result.cost += sample.weight * fit.cost;
-    const double slope = sample.weight * fit.slope;
-    const double curvature = sum == Sum::information ? sample.weight * fit.curvature : slope * slope;
-    const double dark = -tone.by_light * black;
-    const std::array<double, 7> by_light = {tone.by_light, tone.by_light * x, tone.by_light * y, dark,
-                                            dark * x,      dark * y,          tone.by_exponent};
-    add_light(by_light, slope, curvature);
-    if (by_z == 0.0) continue;
-    BorderSum& border = borders[static_cast<std::size_t>(sample.view.direction)]
-                               [static_cast<std::size_t>(sample.view.index)][sample.view.step > 0 ? 1 : 0];
-    border.used = true;
-    const double f = tone.by_light * drop * by_z * unit;
-    const std::array<double, 4> by = {f * x, f * y, f, f * z};
-    std::size_t k = 0;
-    for (std::size_t i = 0; i < 4; ++i) {
-      const double scaled = curvature * by[i];
-      for (std::size_t j = 0; j <= i; ++j) border.geometry[k++] += scaled * by[j];
-      for (std::size_t j = 0; j < 7; ++j) border.cross[i][j] += scaled * by_light[j];
-      border.gradient[i] += slope * by[i];
-    }
-  }
-  // From the sums' own directions to the parameters.
-  static constexpr std::array<Eigen::Index, 7> light_parameters = {8, 9, 10, 11, 12, 13, A::tone};
-  auto& h = result.hessian;
-  h.triangularView<Eigen::StrictlyLower>() = h.transpose();
-  std::size_t k = 0;
-  for (std::size_t i = 0; i < 7; ++i) {
-    result.gradient[light_parameters[i]] += lights.gradient[i];
-    for (std::size_t j = 0; j <= i; ++j, ++k) {
-      h(light_parameters[i], light_parameters[j]) += lights.light[k];
-      if (i != j) h(light_parameters[j], light_parameters[i]) += lights.light[k];
-    }
-  }
-  for (std::size_t direction = 0; direction < 2; ++direction)
-    for (std::size_t i = 0; i < most_lines; ++i)
-      for (std::size_t side = 0; side < 2; ++side) {
-        const BorderSum& border = borders[direction][i][side];
-        if (!border.used) continue;
-        const Line& line = lines_[direction][i][side];
-        const Eigen::Index row = direction == 0 ? 0 : 3;
-        const std::array<Eigen::Index, 9> parameters = {row,        row + 1,    row + 2,    6,       7,
-                                                        A::blur_xx, A::blur_xy, A::blur_yy, A::bleed};
-        const Eigen::RowVector4d by_a(1.0, 0.0, 0.0, -line.ba * line.unit);
-        const Eigen::RowVector4d by_b(0.0, 1.0, 0.0, -line.bb * line.unit);
-        const Eigen::RowVector4d by_c(0.0, 0.0, 1.0, 0.0);
-        const Eigen::RowVector4d by_variance(0.0, 0.0, 0.0, -0.5 * line.unit);
-        Eigen::Matrix<double, 9, 4> by;
-        by << by_a, by_b, by_c, -line.place * by_a, -line.place * by_b, line.nx * line.nx * by_variance,
-            2.0 * line.nx * line.ny * by_variance, line.ny * line.ny * by_variance,
-            (side == 1 ? -1.0 : 1.0) * (g[6] * by_a + g[7] * by_b + by_c);
-        Eigen::Matrix4d geometry;
-        k = 0;
-        for (Eigen::Index m = 0; m < 4; ++m)
-          for (Eigen::Index n = 0; n <= m; ++n) geometry(m, n) = geometry(n, m) = border.geometry[k++];
-        Eigen::Matrix<double, 4, 7> cross;
-        for (std::size_t m = 0; m < 4; ++m)
-          for (std::size_t n = 0; n < 7; ++n)
-            cross(static_cast<Eigen::Index>(m), static_cast<Eigen::Index>(n)) = border.cross[m][n];
-        const Eigen::Matrix<double, 9, 9> own = by * geometry * by.transpose();
-        const Eigen::Matrix<double, 9, 7> with_light = by * cross;
-        const Eigen::Matrix<double, 9, 1> gradient = by * Eigen::Map<const Eigen::Vector4d>(border.gradient.data());
-        for (Eigen::Index m = 0; m < 9; ++m) {
-          const Eigen::Index p = parameters[static_cast<std::size_t>(m)];
-          result.gradient[p] += gradient[m];
-          for (Eigen::Index n = 0; n < 9; ++n) h(p, parameters[static_cast<std::size_t>(n)]) += own(m, n);
-          for (Eigen::Index n = 0; n < 7; ++n) {
-            h(p, light_parameters[static_cast<std::size_t>(n)]) += with_light(m, n);
-            h(light_parameters[static_cast<std::size_t>(n)], p) += with_light(m, n);
-          }
-        }
-      }
-  return result;
-}
-
 double stretch(double light, double exponent) {
   if (exponent == 1.0) return 1.0;
-  // Below half a grey level of light a power's slope says nothing of a pixel that averages over its noise.
-  const double slope = exponent * std::pow(std::max(light, 0.5) / 255.0, exponent - 1.0);
+  const double share = std::max(light / 255.0, 0.0) + tone_toe;
+  const double slope =
+      exponent * std::pow(share, exponent - 1.0) / (std::pow(1.0 + tone_toe, exponent) - std::pow(tone_toe, exponent));
   return slope * slope;
-}
-
-void PixelNoise::apply(TagSample& sample) const {
-  const double share = std::clamp(sample.whiteness, 0.0, 1.0);
-  const double stretched = stretch(sample.light, exponent);
-  const double own = (black + share * (white - black)) * stretched + rounding_variance;
-  sample.variance = own;
-  sample.leaks = false;
-  if (sample.beyond_px < normal_reach * blur_px) {
-    // What lies beyond may differ from the margin by half the contrast, and is alike along a side: as many pixels as a
-    // side has err together, so each must count for that many times less.
-    const double leak = 0.5 * contrast * normal(-sample.beyond_px / blur_px).cumulative;
-    sample.variance += side_px * leak * leak * stretched;
-    sample.leaks = sample.variance > 1.1 * own;
-  }
 }
 
 Misfit misfit(double modelled, double measured, double variance) {
@@ -536,10 +383,6 @@ Misfit misfit(double modelled, double measured, double variance) {
 
 double TagImageModel::distance_from_unknown(const Eigen::Vector2d& place,
                                             const Eigen::Vector2d& modules_per_pixel) const {
-  if (all_known_) {
-    const Eigen::Array2d inside = (middle_ - place.array().abs()) / modules_per_pixel.array();
-    return std::max(inside.minCoeff(), 0.0);
-  }
   const int column = static_cast<int>(std::floor(place.x() + middle_));
   const int row = static_cast<int>(std::floor(place.y() + middle_));
   double nearest = 1e18;

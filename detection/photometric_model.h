@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <cstdint>
 #include <vector>
 
@@ -18,7 +19,7 @@ struct TagAppearance {
   /// Homography from image to tag, last entry 1: u = (g0 x + g1 y + g2)/w, v = (g3 x + g4 y + g5)/w,
   /// w = g6 x + g7 y + 1. Then light W0 + W1 x + W2 y of white, its drop C0 + C1 x + C2 y to black [grey levels], the
   /// blur's covariance with the pixel's own box included [px^2], the spread of ink [modules] and the exponent of the
-  /// tone curve, grey = 255 (light/255)^exponent.
+  /// tone curve, see tone_toe.
   enum Index {
     homography = 0,
     white = 8,
@@ -45,8 +46,15 @@ struct PixelView {
   std::array<std::int8_t, 2> first{};  ///< of the lines across u, across v; none reaches it if last < first
   std::array<std::int8_t, 2> last{};
   std::int8_t direction = 0, index = 0, step = 0;  ///< of the one line of kind `line`; step +1 from black to white
-  double border_px = 1e9;                          ///< distance of the nearest line with a black-white border
 };
+
+/// Whether two pixels see the same lines, and so the same sum of terms.
+inline bool alike(const PixelView& a, const PixelView& b) {
+  return a.kind == b.kind && a.white == b.white &&
+         (a.kind == PixelView::general
+              ? a.first == b.first && a.last == b.last
+              : a.kind == PixelView::flat || (a.direction == b.direction && a.index == b.index && a.step == b.step));
+}
 
 /// The grey value that the model gives a pixel.
 struct ModelledPixel {
@@ -56,20 +64,19 @@ struct ModelledPixel {
   TagAppearance::Vector by;  ///< d(grey)/d(appearance)
 };
 
-/// A pixel as measured, with its part in the fit.
+/// A pixel as measured, with its part in the fit. Single precision: places are exact to 1e-5 px.
 struct TagSample {
-  double x = 0.0, y = 0.0;  ///< image place, see TagAppearance
-  double grey = 0.0;        ///< as measured
-  int column = 0, row = 0;  ///< in the image
+  float x = 0.0F, y = 0.0F;          ///< image place, see TagAppearance
+  float grey = 0.0F;                 ///< as measured
+  std::int16_t column = 0, row = 0;  ///< in the region
   PixelView view;
-  double beyond_px = 1e9;  ///< distance from what is beyond the print, where anything may be
-  double weight = 1.0;     ///< of robustness, 0 to 1
-  double variance = 1.0;   ///< of the pixel [grey levels^2]
   bool leaks = false;      ///< its variance is mostly what may shine in from beyond the print
+  float beyond_px = 1e9F;  ///< distance from what is beyond the print, where anything may be
+  float weight = 1.0F;     ///< of robustness, 0 to 1
+  float variance = 1.0F;   ///< of the pixel [grey levels^2]
   // What the model last gave it:
-  double modelled = 0.0;
-  double light = 0.0;
-  double whiteness = 0.0;
+  float modelled = 0.0F;
+  float whiteness = 0.0F;
 };
 
 /// Normal equations of the fit, over all parameters.
@@ -86,13 +93,15 @@ struct PixelNoise {
   double blur_px = 1.0;
   double contrast = 0.0;  ///< linear
   double side_px = 1.0;
-
-  /// Sets a sample's variance from what the model last gave it.
-  void apply(TagSample& sample) const;
 };
 
-/// How a pixel's misfit enters the sums: as information, or squared, as the middle of a sandwich covariance.
-enum class Sum { information, squared_gradient };
+/// How the slopes of the cost scatter at the minimum: the middle of a sandwich covariance.
+struct Scatter {
+  TagAppearance::Matrix pixels = TagAppearance::Matrix::Zero();  ///< if every pixel errs by itself
+  /// If pixels of one view err together, as they do along a border that the model does not describe.
+  TagAppearance::Matrix views = TagAppearance::Matrix::Zero();
+  int count = 0;  ///< of views
+};
 
 /// The image of a tag: all its black-white borders through one homography, a Gaussian blur integrated over the pixel,
 /// exact at cell corners under any tilt, light that changes linearly over the tag.
@@ -118,10 +127,110 @@ class TagImageModel {
 
   [[nodiscard]] Eigen::Vector2d to_tag(double x, double y) const;
 
-  /// The lines within `reach_px` of a place.
-  /// @param on_tag  the same place in modules
-  [[nodiscard]] PixelView view(double x, double y, const Eigen::Vector2d& on_tag, double reach_px) const;
-  [[nodiscard]] PixelView view(double x, double y, double reach_px) const { return view(x, y, to_tag(x, y), reach_px); }
+  /// The lines within `reach_px` of a place on the print, or of the print's nearest one.
+  [[nodiscard]] PixelView view(double x, double y, double reach_px) const;
+
+  /// Is there a black-white border on a piece of a grid line?
+  /// @param direction  0: the line is across u, 1: across v
+  /// @param line       1 to cells - 1
+  /// @param piece      0 to cells - 1, along the line
+  [[nodiscard]] bool border(int direction, int line, int piece) const {
+    return direction == 0 ? cell(line, piece) != cell(line - 1, piece) : cell(piece, line) != cell(piece, line - 1);
+  }
+
+  /// What `view` gives, for many pixels of one appearance: a table of what a cell and the lines reached around it make.
+  class Views {
+   public:
+    Views(const TagImageModel& model, double reach_px);
+
+    struct Entry {
+      PixelView view;
+      std::array<std::uint16_t, 2> borders{};  ///< bit i: line i has a black-white border here
+      std::uint16_t group = 0;                 ///< the same for all views that are alike
+    };
+    /// @param at  the place in cells from the print's upper left corner, on the print
+    /// @param w   of the homography there
+    /// @return    valid until the next call
+    [[gnu::always_inline]] const Entry& at(const std::array<double, 2>& at, double w) {
+      std::array<int, 2> here;
+      std::array<int, 2> before;
+      std::array<int, 2> after;
+      int most = 0;
+      const double reach = reach_px_ / w;
+      for (std::size_t direction = 0; direction < 2; ++direction) {
+        const int cell = std::min(static_cast<int>(at[direction]), model_.pattern_.cells - 1);
+        const double* const px = px_per_cell_[direction].data() + most_reached + cell;
+        const double low = at[direction] - cell;
+        const double high = 1.0 - low;
+        // Sums of truths, since no branch could be foretold.
+        before[direction] = static_cast<int>(low * px[0] < reach) + static_cast<int>((low + 1.0) * px[-1] < reach) +
+                            static_cast<int>((low + 2.0) * px[-2] < reach);
+        after[direction] = static_cast<int>(high * px[1] < reach) + static_cast<int>((high + 1.0) * px[2] < reach) +
+                           static_cast<int>((high + 2.0) * px[3] < reach);
+        here[direction] = cell;
+        most = std::max({most, before[direction], after[direction]});
+      }
+      if (most > most_reached) {
+        for (std::size_t direction = 0; direction < 2; ++direction) {
+          const double low = at[direction] - here[direction];
+          const double high = 1.0 - low;
+          const double* const px = px_per_cell_[direction].data() + most_reached + here[direction];
+          before[direction] = after[direction] = 0;
+          while ((low + before[direction]) * px[-before[direction]] < reach) ++before[direction];
+          while ((high + after[direction]) * px[1 + after[direction]] < reach) ++after[direction];
+        }
+        rare_ = entry(here, before, after);
+        return rare_;
+      }
+      const auto index = static_cast<std::size_t>(
+          ((((here[1] * model_.pattern_.cells + here[0]) * cases + before[0]) * cases + after[0]) * cases + before[1]) *
+              cases +
+          after[1]);
+      if (table_[index] == 0) {
+        entries_.push_back(entry(here, before, after));
+        table_[index] = static_cast<std::uint16_t>(entries_.size());
+      }
+      return entries_[table_[index] - 1U];
+    }
+    /// Distance of the nearest black-white border among the lines that are reached [px].
+    [[nodiscard]] double border_px(const std::array<double, 2>& at, double w, const Entry& entry) const {
+      double nearest = 1e9;
+      for (std::size_t direction = 0; direction < 2; ++direction)
+        for (int i = entry.view.first[direction]; i <= entry.view.last[direction]; ++i)
+          if ((entry.borders[direction] >> i & 1) != 0)
+            nearest = std::min(nearest, std::abs(at[direction] - i) *
+                                            px_per_cell_[direction][static_cast<std::size_t>(most_reached + i)]);
+      return nearest * w;
+    }
+    /// Distance from the print's nearest rim [px].
+    [[nodiscard]] double beyond_px(const std::array<double, 2>& at, double w) const {
+      const double cells = model_.pattern_.cells;
+      return w * std::min(std::min(at[0] * rim_px_[0][0], (cells - at[0]) * rim_px_[0][1]),
+                          std::min(at[1] * rim_px_[1][0], (cells - at[1]) * rim_px_[1][1]));
+    }
+    /// The views by their groups' numbers.
+    [[nodiscard]] const std::vector<PixelView>& groups() const { return groups_; }
+
+   private:
+    static constexpr int most_reached = 2;  ///< lines on one side of a cell that the table knows
+    static constexpr int cases = most_reached + 1;
+
+    [[nodiscard]] Entry entry(const std::array<int, 2>& here, const std::array<int, 2>& before,
+                              const std::array<int, 2>& after);
+
+    const TagImageModel& model_;
+    double reach_px_;
+    /// Across a line, where the homography's w is 1; the print's own rims and what is beyond are never near.
+    std::array<std::array<double, 14 + 2 * most_reached>, 2> px_per_cell_;  ///< line i at most_reached + i
+    std::array<std::array<double, 2>, 2> rim_px_;                           ///< the same of these
+    std::vector<std::uint16_t> table_;  ///< one more than the place among the entries; 0: not made yet
+    std::vector<Entry> entries_;
+    std::vector<PixelView> groups_;
+    Entry rare_;
+  };
+
+  /// Has the print no cells that may be anything?
+  [[nodiscard]] bool all_known() const { return all_known_; }
 
   /// Is there an unknown cell, or the outside of the print, among a place's own cell and its eight neighbours?
   [[nodiscard]] bool unknown_within_a_module(double u, double v) const {
@@ -130,8 +239,8 @@ class TagImageModel {
     return beside_unknown_[static_cast<std::size_t>(row * pattern_.cells + column)];
   }
 
-  /// Distance of a place of the tag from the nearest unknown cell or from what lies outside of the print [px]; where
-  /// the print has unknown cells, only those next to the place's own are looked at (1e9 if there are none).
+  /// Distance of a place of the tag from the nearest unknown cell or from what lies outside of the print [px]; only
+  /// cells next to the place's own are looked at (1e9 if they are all known).
   /// @param modules_per_pixel  how fast u and v change there
   [[nodiscard]] double distance_from_unknown(const Eigen::Vector2d& place,
                                              const Eigen::Vector2d& modules_per_pixel) const;
@@ -139,12 +248,17 @@ class TagImageModel {
   /// Model and derivatives at a place, seen as `view` says.
   [[nodiscard]] ModelledPixel at(double x, double y, const PixelView& view) const;
 
-  /// Normal equations over the samples, every `stride`-th of them; leaves in these what was modelled.
+  /// Normal equations over the samples; leaves in these what was modelled. Any order will do, but samples of one view
+  /// side by side are summed many times faster.
   /// @param noise  if given, the samples' variances are set from it on the way
-  Equations equations(std::vector<TagSample>& samples, Sum sum, std::size_t stride = 1,
-                      const PixelNoise* noise = nullptr) const;
+  Equations equations(std::vector<TagSample>& samples, const PixelNoise* noise = nullptr) const;
+
+  /// The slopes' scatter over the same samples; those of one view must be side by side.
+  Scatter scatter(std::vector<TagSample>& samples) const;
 
  private:
+  friend class TagSums;
+
   /// A grid line, moved by the ink's spread: its value a x + b y + c is positive to its right or below.
   struct Line {
     double a = 0.0, b = 0.0, c = 0.0;
@@ -195,6 +309,11 @@ struct Misfit {
   double curvature = 0.0;  ///< half its second derivative
 };
 Misfit misfit(double modelled, double measured, double variance);
+
+/// Tone curves of cameras (Rec. 709, sRGB) are powers of the light with a straight piece near black:
+/// grey = 255 ((light/255 + toe)^exponent - toe^exponent) / ((1 + toe)^exponent - toe^exponent).
+/// The straight pieces of these two have a slope of 4.5 and 13; this toe has 7 at their exponents.
+inline constexpr double tone_toe = 0.01;
 
 /// d(grey)/d(light) of the tone curve, squared.
 double stretch(double light, double exponent);

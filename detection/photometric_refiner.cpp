@@ -2,7 +2,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <numbers>
+#include <utility>
 #include <vector>
 
 #include <Eigen/Cholesky>
@@ -22,17 +24,19 @@ using A = TagAppearance;
 
 /// Score above which a term is freed: chance alone passes it in 1 of 600 images.
 constexpr double score_threshold = 10.0;
+/// A term whose score is more than this share of the other's may be the one that is meant.
+constexpr double rival = 0.3;
 /// A freed term must stand this many of its sigmas from nothing.
 constexpr double significant = 3.0;
-/// The exponent of the tone curve and clipping imitate each other, and a small tag tells too little of either.
-constexpr double most_clipped_for_tone = 0.03;
-constexpr double least_side_for_tone = 30.0;
+/// A smaller tag tells too little of the tone curve.
+constexpr double least_side_for_tone = 20.0;
 /// Of ten thousand normal residuals the largest is 4; more than this is no noise [robust scales].
 constexpr double largest_by_noise = 5.5;
 /// Rms over robust scale of residuals: 1 for normal ones, whose ratio scatters by 2 % over a thousand pixels.
 constexpr double heavy_tails = 1.2;
-/// A step whose gain in the cost (chi-square) is less moves nothing by more than a thirtieth of its sigma.
-constexpr double enough = 1e-3;
+/// A step whose gain in the cost (chi-square) is less moves nothing by more than a fifth of its sigma; the step after
+/// it would be a square of that.
+constexpr double enough = 0.04;
 
 /// Homography from image to tag through four points, last entry 1; none if there is no such.
 std::optional<Eigen::Matrix<double, 8, 1>> homography(const std::array<Vector2, 4>& image,
@@ -134,12 +138,13 @@ class TagFit {
   [[nodiscard]] const FitQuality& last_quality() const { return quality_; }
   [[nodiscard]] const PixelNoise& noise() const { return noise_; }
   [[nodiscard]] std::string terms(bool lens) const;
+  [[nodiscard]] double inflation() const { return inflation_; }
 
   /// Covariance of the homography's eight parameters.
   [[nodiscard]] std::optional<Eigen::Matrix<double, 8, 8>> covariance();
 
  private:
-  /// Fits on a quarter of the pixels, which brings borders within hundredths of a pixel.
+  /// Fits on a share of the pixels, which brings borders within hundredths of a pixel.
   std::optional<Unrefined> approach(const Corners& coarse, const Eigen::Matrix<double, 8, 1>& start);
   /// A tag that fills a large image has more pixels than its model is exact for: every so many-th row and column do.
   [[nodiscard]] int thinning() const { return std::max(1, static_cast<int>(region_.side_px / 500.0)); }
@@ -157,7 +162,8 @@ class TagFit {
   FreeParameters free_ = free_parameters(false, false);
   PhotometricFit fit_;
   FitQuality quality_;
-  double alike_ = 1.0;  ///< pixels that are rounded alike, see rounded_alike
+  double inflation_ = 1.0;  ///< of the covariance, by what pixels of one view err together
+  double alike_ = 1.0;      ///< pixels that are rounded alike, see rounded_alike
   bool bleed_ = false;
   bool tone_ = false;
   bool robust_ = false;
@@ -170,13 +176,14 @@ std::optional<Unrefined> TagFit::approach(const Corners& coarse, const Eigen::Ma
   appearance.value[A::blur_xx] = appearance.value[A::blur_yy] = blur * blur;
   appearance.value[A::tone] = 1.0;
   model_.set(appearance);
-  // A small tag needs all its pixels at once. Coarse corners are off by a few tenths of a pixel.
-  const int every = region_.side_px < 45.0 ? 1 : 2 * thinning();
+  // So many rows and columns leave some hundred pixels on borders; a small tag needs all its pixels at once. Coarse
+  // corners are off by a few tenths of a pixel.
+  const int every = std::clamp(static_cast<int>(region_.side_px / 30.0), 1, 3) * thinning();
   samples_ = select_samples(gray_, model_, region_, blur, every, 0.8);
   std::vector<double> whites;
   std::vector<double> blacks;
-  for (TagSample& sample : samples_)
-    (model_.at(sample.x, sample.y, sample.view).whiteness > 0.5 ? whites : blacks).push_back(sample.grey);
+  (void)model_.equations(samples_);
+  for (const TagSample& sample : samples_) (sample.whiteness > 0.5F ? whites : blacks).push_back(sample.grey);
   if (samples_.size() < 40 || whites.size() < 5 || blacks.size() < 5) return Unrefined::too_few_pixels;
   const auto quartile = [](std::vector<double>& values, std::size_t quarters) {
     const auto at = values.begin() + static_cast<std::ptrdiff_t>(quarters * (values.size() - 1) / 4);
@@ -188,7 +195,7 @@ std::optional<Unrefined> TagFit::approach(const Corners& coarse, const Eigen::Ma
   model_.set(appearance);
   // Noise is not known yet; two grey levels are a guess that only sets what leaks in from beyond the print against it.
   const PixelNoise guess{4.0, 4.0, 1.0, blur, appearance.value[A::drop], region_.side_px};
-  // A quarter of the pixels errs by two of the final sigmas; a tenth of that is close enough.
+  // A ninth of the pixels errs by three of the final sigmas; a tenth of that is close enough.
   fit_ = fit_appearance(model_, samples_, free_, max_iterations_, 0.3, &guess);
   if (!std::isfinite(fit_.at.cost)) return Unrefined::did_not_converge;
   return std::nullopt;
@@ -204,14 +211,28 @@ void TagFit::refit(bool noise_anew) {
 void TagFit::ask() {
   for (int round = 0; round < 2; ++round) {
     const double inflation = std::max(1.0, quality_.chi2_per_pixel) * alike_;
-    const bool tone_allowed = quality_.clipped < most_clipped_for_tone && region_.side_px > least_side_for_tone;
+    const bool tone_allowed = region_.side_px > least_side_for_tone;
     const double bleed_score = bleed_ ? 0.0 : score(fit_.at, free_, A::bleed, inflation);
     const double tone_score = tone_ || !tone_allowed ? 0.0 : score(fit_.at, free_, A::tone, inflation);
-    if (std::max(bleed_score, tone_score) < score_threshold) return;
-    (bleed_score > tone_score ? bleed_ : tone_) = true;
-    free_ = free_parameters(bleed_, tone_);
-    refit(false);
-    refit(true);
+    const double most = std::max(bleed_score, tone_score);
+    if (most < score_threshold) return;
+    const TagAppearance before = model_.appearance();
+    const auto with = [&](bool bleed, bool tone) {
+      model_.set(before);
+      bleed_ = bleed;
+      tone_ = tone;
+      free_ = free_parameters(bleed, tone);
+      refit(false);
+      refit(true);
+    };
+    // Far from the minimum each imitates the other, so both are freed then, and `forgo` takes back the one that was not
+    // meant.
+    const bool bleed = bleed_ || bleed_score > rival * most;
+    const bool tone = tone_ || tone_score > rival * most;
+    with(bleed, tone);
+    // A tone curve that runs out of what cameras have stands for something else.
+    if (!fit_.converged && tone) with(true, false);
+    if (!fit_.converged) with(false, false);
   }
 }
 
@@ -234,36 +255,45 @@ void TagFit::forgo() {
 /// Robust weights, which come after ink and tone: they would take the signs of these for outliers.
 void TagFit::reweigh() {
   robust_ = true;
-  weigh(samples_, region_.pixels, noise_.blur_px, 5.0 * quality_.scale, Weighing::tukey);
+  weigh(samples_, region_.pixels.size(), noise_.blur_px, 5.0 * quality_.scale, Weighing::tukey);
   refit(true);
-  weigh(samples_, region_.pixels, noise_.blur_px, 4.5 * quality_.spread, Weighing::tukey);
+  weigh(samples_, region_.pixels.size(), noise_.blur_px, 4.5 * quality_.spread, Weighing::tukey);
   refit(true);
   forgo();
   ask();
-  weigh(samples_, region_.pixels, noise_.blur_px, 4.5 * quality_.spread, Weighing::all_or_nothing);
+  weigh(samples_, region_.pixels.size(), noise_.blur_px, 4.5 * quality_.spread, Weighing::all_or_nothing);
   refit(true);
 }
 
 std::optional<Unrefined> TagFit::run(const Corners& coarse, const Eigen::Matrix<double, 8, 1>& start) {
   if (const auto why = approach(coarse, start)) return why;
   noise_ = measure_noise(model_, samples_, region_.side_px);
-  samples_ = select_samples(gray_, model_, region_, noise_.blur_px, thinning(), 0.3);
+  // Borders are within hundredths of a pixel now.
+  samples_ = select_samples(gray_, model_, region_, noise_.blur_px, thinning(), 0.15);
   if (samples_.size() < 40) return Unrefined::too_few_pixels;
   alike_ = rounded_alike(coarse, noise_);
   refit(false);
-  // A quarter of the pixels may have misjudged the noise.
+  // Few pixels may have misjudged the noise.
   const PixelNoise again = measure_noise(model_, samples_, region_.side_px);
   const auto variance = [](const PixelNoise& noise) { return noise.black + noise.white + 2.0 * rounding_variance; };
   if (std::abs(variance(again) / variance(noise_) - 1.0) > 0.15) refit(true);
   ask();
   if (quality_.largest > largest_by_noise * quality_.scale || quality_.spread > heavy_tails * quality_.scale) reweigh();
   forgo();
-  if (!fit_.converged) return Unrefined::did_not_converge;
+  if (!fit_.converged && (bleed_ || tone_)) {
+    TagAppearance plain = model_.appearance();
+    plain.value[A::bleed] = 0.0;
+    plain.value[A::tone] = 1.0;
+    bleed_ = tone_ = false;
+    free_ = free_parameters(false, false);
+    model_.set(plain);
+    refit(true);
+  }
   if (quality_.count <= static_cast<int>(free_.size())) return Unrefined::too_few_pixels;
   // Half of all borders elsewhere than modelled, or residuals of a quarter of the contrast: not this tag's pattern.
   const double contrast = model_.appearance().value[A::drop];
-  if (!(contrast > 0.0) || quality_.rejected > 0.5 || quality_.rms > 0.25 * contrast)
-    return Unrefined::did_not_converge;
+  if (!(contrast > 0.0) || quality_.rejected > 0.5 || quality_.rms > 0.25 * contrast) return Unrefined::other_pattern;
+  if (!fit_.converged) return Unrefined::did_not_converge;
   return std::nullopt;
 }
 
@@ -281,12 +311,22 @@ std::string TagFit::terms(bool lens) const {
 std::optional<Eigen::Matrix<double, 8, 8>> TagFit::covariance() {
   const Eigen::LLT<Eigen::MatrixXd> factor(reduced(fit_.at.hessian, free_));
   if (factor.info() != Eigen::Success) return std::nullopt;
-  // A third of the pixels tells the middle to a few percent.
-  const std::size_t stride = samples_.size() > 1500 ? 3 : 1;
-  const Equations squares = model_.equations(samples_, Sum::squared_gradient, stride);
-  const Eigen::MatrixXd middle = static_cast<double>(stride) * reduced(squares.hessian, free_);
-  const Eigen::MatrixXd half = factor.solve(middle);
-  const Eigen::MatrixXd all = factor.solve(half.transpose());
+  const Scatter scatter = model_.scatter(samples_);
+  const auto sandwich = [&](const A::Matrix& middle) -> Eigen::MatrixXd {
+    const Eigen::MatrixXd half = factor.solve(reduced(middle, free_));
+    return factor.solve(half.transpose());
+  };
+  Eigen::MatrixXd all = sandwich(scatter.pixels);
+  // Where the model does not describe the borders, pixels of one view err together, and the scatter of the views' sums
+  // exceeds what single pixels make of it. As a factor for all coordinates, since there are too few views for more;
+  // fitted parameters have taken their share of it.
+  const auto views = static_cast<double>(scatter.count);
+  const auto parameters = static_cast<double>(free_.size());
+  if (views > 2.0 * parameters) {
+    const Eigen::MatrixXd together = sandwich(scatter.views) * views / (views - parameters);
+    inflation_ = std::max(1.0, (together.diagonal().head<8>().array() / all.diagonal().head<8>().array()).mean());
+  }
+  all *= inflation_;
   return all.topLeftCorner<8, 8>();
 }
 
@@ -323,8 +363,36 @@ Eigen::Matrix<double, 8, 8> rounding_floor(const Corners& corners, const PixelNo
 
 }  // namespace
 
-Refinement refine_photometric(const cv::Mat1b& gray, const std::string& family, const TagDetection& coarse,
-                              const PhotometricConfig& config, const std::optional<CameraModel>& camera) {
+namespace {
+
+/// The model's image of the print, and its values.
+PhotometricExplanation explained(const TagImageModel& model, const TagRegion& region) {
+  PhotometricExplanation result;
+  result.region = region.pixels;
+  result.modelled = cv::Mat1f(region.pixels.size(), std::numeric_limits<float>::quiet_NaN());
+  const A::Vector& p = model.appearance().value;
+  const double rim = 0.5 * model.pattern().cells;
+  const double blur = std::sqrt(0.5 * (p[A::blur_xx] + p[A::blur_yy]));
+  for (int row = 0; row < region.pixels.height; ++row)
+    for (int column = 0; column < region.pixels.width; ++column) {
+      const Vector2 at = region.place(region.lens.undistorted({region.pixels.x + column, region.pixels.y + row}));
+      const Vector2 tag = model.to_tag(at.x(), at.y());
+      if (!(p[6] * at.x() + p[7] * at.y() + 1.0 > 0.0 && tag.cwiseAbs().maxCoeff() < rim)) continue;
+      result.modelled(row, column) =
+          static_cast<float>(model.at(at.x(), at.y(), model.view(at.x(), at.y(), 4.0 * blur)).grey);
+    }
+  result.white = p[A::white];
+  result.black = p[A::white] - p[A::drop];
+  result.blur_px2 << p[A::blur_xx], p[A::blur_xy], p[A::blur_xy], p[A::blur_yy];
+  result.bleed_modules = p[A::bleed];
+  result.tone_exponent = p[A::tone];
+  return result;
+}
+
+/// Fits, and if `explanation` is given says what the fit sees.
+Refinement fit_tag(const cv::Mat1b& gray, const std::string& family, const TagDetection& coarse,
+                   const PhotometricConfig& config, const std::optional<CameraModel>& camera,
+                   PhotometricExplanation* explanation) {
   const TagPattern pattern = tag_pattern(family, coarse.id);
   for (const Vector2& corner : coarse.corners_px)
     if (!corner.allFinite()) return Unrefined::not_a_quadrilateral;
@@ -379,7 +447,32 @@ Refinement refine_photometric(const cv::Mat1b& gray, const std::string& family, 
   refined.chi2_per_pixel = quality.chi2_per_pixel;
   refined.blur_px = std::sqrt(0.5 * (p[A::blur_xx] + p[A::blur_yy]));
   refined.terms = fit.terms(camera.has_value());
+  if (explanation != nullptr) {
+    *explanation = explained(fit.model(), *region);
+    explanation->noise_black = std::sqrt(fit.noise().black + rounding_variance);
+    explanation->noise_white = std::sqrt(fit.noise().white + rounding_variance);
+    explanation->inflation = fit.inflation();
+    explanation->rejected = quality.rejected;
+  }
   return refined;
+}
+
+}  // namespace
+
+Refinement refine_photometric(const cv::Mat1b& gray, const std::string& family, const TagDetection& coarse,
+                              const PhotometricConfig& config, const std::optional<CameraModel>& camera) {
+  return fit_tag(gray, family, coarse, config, camera, nullptr);
+}
+
+std::variant<PhotometricExplanation, Unrefined> explain_photometric(const cv::Mat1b& gray, const std::string& family,
+                                                                    const TagDetection& coarse,
+                                                                    const PhotometricConfig& config,
+                                                                    const std::optional<CameraModel>& camera) {
+  PhotometricExplanation explanation;
+  Refinement refined = fit_tag(gray, family, coarse, config, camera, &explanation);
+  if (const Unrefined* reason = std::get_if<Unrefined>(&refined)) return *reason;
+  explanation.tag = std::move(std::get<RefinedTag>(refined));
+  return explanation;
 }
 
 }  // namespace tagdock

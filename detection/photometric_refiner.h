@@ -2,6 +2,7 @@
 
 #include <optional>
 #include <string>
+#include <variant>
 
 #include <opencv2/core.hpp>
 
@@ -12,7 +13,7 @@
 namespace tagdock {
 
 struct PhotometricConfig {
-  int max_iterations = 25;
+  int max_iterations = 60;
 };
 
 /// Fits the whole decoded tag - every black and white edge, tied by one homography - to the grey values.
@@ -22,5 +23,25 @@ struct PhotometricConfig {
 /// @param camera  if given, the lens is modelled; corners come back distorted, as seen
 Refinement refine_photometric(const cv::Mat1b& gray, const std::string& family, const TagDetection& coarse,
                               const PhotometricConfig& config, const std::optional<CameraModel>& camera = std::nullopt);
+
+/// What a fit of a whole tag sees, for people.
+struct PhotometricExplanation {
+  RefinedTag tag;
+  cv::Rect region;     ///< of the image
+  cv::Mat1f modelled;  ///< the model's grey values there; NaN outside of the print
+  double white = 0.0;  ///< light at the tag's centre [grey levels]
+  double black = 0.0;
+  Eigen::Matrix2d blur_px2 = Eigen::Matrix2d::Zero();  ///< the pixel's box included
+  double bleed_modules = 0.0;
+  double tone_exponent = 1.0;
+  double noise_black = 0.0, noise_white = 0.0;  ///< sigma, rounding included [grey levels]
+  double inflation = 1.0;                       ///< of the covariance, for what pixels of one view err together
+  double rejected = 0.0;                        ///< share of border pixels without weight
+};
+
+/// The same fit, with what it sees.
+std::variant<PhotometricExplanation, Unrefined> explain_photometric(
+    const cv::Mat1b& gray, const std::string& family, const TagDetection& coarse, const PhotometricConfig& config,
+    const std::optional<CameraModel>& camera = std::nullopt);
 
 }  // namespace tagdock

@@ -2,7 +2,11 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
 #include <numbers>
+#include <utility>
+
+#include <Eigen/LU>
 
 namespace tagdock {
 namespace {
@@ -51,12 +55,117 @@ double residual_sigmas(const TagSample& sample) {
   return (sample.modelled - sample.grey) / std::sqrt(sample.variance);
 }
 
+/// A sample before it is put beside others of its view.
+struct Picked {
+  float x, y;
+  std::int16_t column, row;
+  float beyond_px;
+  std::uint16_t group;
+};
+
+/// The samples, those of one view side by side, and in the order of the image among themselves.
+std::vector<TagSample> side_by_side(const std::vector<Picked>& picked, const std::vector<PixelView>& groups,
+                                    const cv::Mat1b& region) {
+  std::vector<std::uint32_t> place(groups.size(), 0);
+  for (const Picked& one : picked) ++place[one.group];
+  std::uint32_t before = 0;
+  for (std::uint32_t& count : place) before += std::exchange(count, before);
+  std::vector<TagSample> sorted(picked.size());
+  for (const Picked& one : picked) {
+    TagSample& sample = sorted[place[one.group]++];
+    sample.x = one.x;
+    sample.y = one.y;
+    sample.grey = region(one.row, one.column);
+    sample.column = one.column;
+    sample.row = one.row;
+    sample.view = groups[one.group];
+    sample.beyond_px = one.beyond_px;
+  }
+  return sorted;
+}
+
+/// Leaves of [first, last] where start + x slope < limit.
+void cut(double start, double slope, double limit, double& first, double& last) {
+  if (std::abs(slope) < 1e-12) {
+    if (!(start < limit)) last = first - 1.0;
+    return;
+  }
+  const double end = (limit - start) / slope;
+  if (slope > 0.0)
+    last = std::min(last, end);
+  else
+    first = std::max(first, end);
+}
+
+/// Marks the pixels of a mask that lie near a piece of a line.
+/// @param from, to  its ends, in pixels of the mask
+/// @param every     only so many-th rows are looked at
+void mark_along(cv::Mat1b& mask, const Vector2& from, const Vector2& to, double reach_px, int every) {
+  const double length = (to - from).norm();
+  if (!(length > 0.0)) return;
+  const Vector2 along = (to - from) / length;
+  const Vector2 across(-along.y(), along.x());
+  const double low = std::min(from.y(), to.y()) - reach_px;
+  const double high = std::max(from.y(), to.y()) + reach_px;
+  const int begin = std::max(0, static_cast<int>(std::ceil(low / every)) * every);
+  for (int row = begin; row < mask.rows && row <= high; row += every) {
+    const double y = row - from.y();
+    double first = 0.0;
+    double last = mask.cols - 1.0;
+    const double beside = across.y() * y - across.x() * from.x();
+    const double beyond = along.y() * y - along.x() * from.x();
+    cut(beside, across.x(), reach_px, first, last);
+    cut(-beside, -across.x(), reach_px, first, last);
+    cut(beyond, along.x(), length + reach_px, first, last);
+    cut(-beyond, -along.x(), reach_px, first, last);
+    if (last >= first)
+      std::fill(mask[row] + static_cast<int>(std::ceil(first)), mask[row] + static_cast<int>(last) + 1,
+                static_cast<unsigned char>(1));
+  }
+}
+
+/// The pixels of a region that may be near a border, and a lattice of others.
+cv::Mat1b worth_a_look(const TagImageModel& model, const TagRegion& region, double reach_px, int every) {
+  cv::Mat1b mask(region.pixels.size(), static_cast<unsigned char>(0));
+  // A lattice that finds a few hundred flat pixels.
+  const int apart = std::max(every, static_cast<int>(region.side_px / 33.0) / every * every);
+  for (int row = 0; row < mask.rows; row += apart)
+    for (int column = 0; column < mask.cols; column += apart) mask(row, column) = 1;
+  const int cells = model.pattern().cells;
+  const A::Vector& p = model.appearance().value;
+  Eigen::Matrix3d tag_by_place;
+  tag_by_place << p[0], p[1], p[2], p[3], p[4], p[5], p[6], p[7], 1.0;
+  const Eigen::Matrix3d place_by_tag = tag_by_place.inverse();
+  const auto node = [&](int direction, int line, int piece) -> Vector2 {
+    const double middle = 0.5 * cells;
+    const Vector2 tag =
+        direction == 0 ? Vector2(line - middle, piece - middle) : Vector2(piece - middle, line - middle);
+    const Vector2 place = (place_by_tag * tag.homogeneous()).hnormalized();
+    return region.lens.distorted(place * region.side_px + region.centre) - Vector2(region.pixels.x, region.pixels.y);
+  };
+  // A lens bends a run of several cells; from cell to cell it does not matter.
+  const int longest = region.lens.bends() ? 1 : cells;
+  for (const int direction : {0, 1})
+    for (int line = 1; line < cells; ++line)
+      for (int piece = 0; piece < cells;) {
+        if (!model.border(direction, line, piece)) {
+          ++piece;
+          continue;
+        }
+        int end = piece + 1;
+        while (end < cells && end - piece < longest && model.border(direction, line, end)) ++end;
+        mark_along(mask, node(direction, line, piece), node(direction, line, end), reach_px, every);
+        piece = end;
+      }
+  return mask;
+}
+
 /// Pixels nearer to what is beyond the print, in sigmas of the blur, say nothing of the print.
 constexpr double least_from_unknown = 1.0;
 constexpr std::size_t enough_flats = 500;
-/// A pixel farther than this from all borders, in sigmas of the blur, knows less than a thousandth of what one on a
-/// border knows of its place. Borders farther than `seen` change it by less than 3e-4 of the contrast.
-constexpr double informs = 2.6;
+/// Pixels farther than this from all borders, in sigmas of the blur, hold 5e-3 of what is known of their places.
+/// Borders farther than `seen` change it by less than 3e-4 of the contrast.
+constexpr double informs = 2.0;
 constexpr double seen = 3.7;
 
 }  // namespace
@@ -100,54 +209,59 @@ double start_blur(const cv::Mat1b& gray, const Corners& corners_px) {
 
 std::vector<TagSample> select_samples(const cv::Mat1b& gray, const TagImageModel& model, const TagRegion& region,
                                       double blur_px, int every, double slack_px) {
-  std::vector<TagSample> samples;
   const A::Vector& p = model.appearance().value;
   const double rim = 0.5 * model.pattern().cells;
   const double reach = seen * blur_px + slack_px;
+  const double least_beyond = least_from_unknown * blur_px;
+  const double farthest = informs * blur_px + slack_px;
   const cv::Rect& pixels = region.pixels;
-  std::vector<TagSample> flats;
-  // A tag fills about half of its region, and about half of its pixels are on borders.
+  TagImageModel::Views views(model, reach);
+  std::vector<Picked> samples;
+  std::vector<Picked> flats;
+  // A tag fills about half of its region, and a third of its pixels are on borders.
   samples.reserve(static_cast<std::size_t>(pixels.area() / (5 * every * every)));
-  flats.reserve(static_cast<std::size_t>(pixels.area() / (12 * every * every)));
-  for (int row = pixels.y; row < pixels.y + pixels.height; row += every)
-    for (int column = pixels.x; column < pixels.x + pixels.width; column += every) {
-      const Vector2 at = region.place(region.lens.undistorted({column, row}));
+  // Half a pixel more than needed, for what the lens bends and the distance of a corner.
+  const cv::Mat1b mask = worth_a_look(model, region, farthest + 0.5, every);
+  const double per_side = 1.0 / region.side_px;
+  for (int row = 0; row < mask.rows; row += every) {
+    const LensPatch::Row straight(region.lens, pixels.y + row);
+    const Vector2 row_place = region.place(Vector2(pixels.x, pixels.y + row));
+    const unsigned char* const marked = mask[row];
+    for (int column = 0; column < mask.cols; column += every) {
+      if (marked[column] == 0) continue;
+      Vector2 at(row_place.x() + column * per_side, row_place.y());
+      if (region.lens.bends()) at = region.place(straight.undistorted(pixels.x + column));
       const double w = p[6] * at.x() + p[7] * at.y() + 1.0;
       const double u_w = p[0] * at.x() + p[1] * at.y() + p[2];
       const double v_w = p[3] * at.x() + p[4] * at.y() + p[5];
       if (!(std::abs(u_w) < rim * w && std::abs(v_w) < rim * w)) continue;
-      const double u = u_w / w;
-      const double v = v_w / w;
-      TagSample sample;
-      if (model.unknown_within_a_module(u, v)) {
-        const double scale = 1.0 / (w * region.side_px);
+      const double per_w = 1.0 / w;
+      const double u = u_w * per_w;
+      const double v = v_w * per_w;
+      double beyond = 1e9;
+      if (model.all_known()) {
+        beyond = views.beyond_px({u + rim, v + rim}, w);
+        if (beyond < least_beyond) continue;
+      } else if (model.unknown_within_a_module(u, v)) {
+        const double scale = per_w * per_side;
         const Vector2 modules_per_pixel(std::sqrt(square(p[0] - u * p[6]) + square(p[1] - u * p[7])) * scale,
                                         std::sqrt(square(p[3] - v * p[6]) + square(p[4] - v * p[7])) * scale);
-        sample.beyond_px = model.distance_from_unknown({u, v}, modules_per_pixel);
-        if (sample.beyond_px < least_from_unknown * blur_px) continue;
+        beyond = model.distance_from_unknown({u, v}, modules_per_pixel);
+        if (beyond < least_beyond) continue;
       }
-      sample.view = model.view(at.x(), at.y(), {u, v}, reach);
-      if (sample.view.kind == PixelView::flat) {
-        sample.x = at.x();
-        sample.y = at.y();
-        sample.grey = gray(row, column);
-        sample.column = column;
-        sample.row = row;
-        flats.push_back(sample);
-        continue;
-      }
-      if (sample.view.border_px > informs * blur_px + slack_px) continue;
-      sample.x = at.x();
-      sample.y = at.y();
-      sample.grey = gray(row, column);
-      sample.column = column;
-      sample.row = row;
-      samples.push_back(sample);
+      const std::array<double, 2> cell = {u + rim, v + rim};
+      const TagImageModel::Views::Entry& entry = views.at(cell, w);
+      const bool flat = entry.view.kind == PixelView::flat;
+      if (!flat && views.border_px(cell, w, entry) > farthest) continue;
+      (flat ? flats : samples)
+          .push_back({static_cast<float>(at.x()), static_cast<float>(at.y()), static_cast<std::int16_t>(column),
+                      static_cast<std::int16_t>(row), static_cast<float>(beyond), entry.group});
     }
+  }
   // Some hundreds tell the levels and the noise well enough.
   const std::size_t share = 1 + flats.size() / enough_flats;
   for (std::size_t i = 0; i < flats.size(); i += share) samples.push_back(flats[i]);
-  return samples;
+  return side_by_side(samples, views.groups(), gray(pixels));
 }
 
 PixelNoise measure_noise(const TagImageModel& model, const std::vector<TagSample>& samples, double side_px) {
@@ -155,18 +269,22 @@ PixelNoise measure_noise(const TagImageModel& model, const std::vector<TagSample
   const double blur = std::sqrt(0.5 * (p[A::blur_xx] + p[A::blur_yy]));
   std::vector<double> black;
   std::vector<double> white;
-  std::vector<double> all;
   for (const TagSample& sample : samples) {
     if (sample.grey >= highest_grey || sample.grey <= lowest_grey || sample.weight < 0.5) continue;
-    if (sample.beyond_px < normal_reach * blur) continue;
-    const double residual = sample.modelled - sample.grey;
-    all.push_back(residual);
-    if (sample.view.kind != PixelView::flat) continue;
-    (sample.whiteness < 0.5 ? black : white).push_back(residual);
+    if (sample.view.kind != PixelView::flat || sample.beyond_px < normal_reach * blur) continue;
+    (sample.whiteness < 0.5F ? black : white).push_back(sample.modelled - sample.grey);
   }
   // Too few flat pixels (a small tag): all residuals must do. Thirty give the variance to 25 %.
   constexpr std::size_t enough = 30;
-  const double both = all.empty() ? 1.0 : spread(all);
+  double both = 1.0;
+  if (black.size() < enough && white.size() < enough) {
+    std::vector<double> all;
+    for (const TagSample& sample : samples)
+      if (sample.grey < highest_grey && sample.grey > lowest_grey && sample.weight >= 0.5F &&
+          sample.beyond_px >= normal_reach * blur)
+        all.push_back(sample.modelled - sample.grey);
+    if (!all.empty()) both = spread(all);
+  }
   const double black_variance = black.size() >= enough ? spread(black) : white.size() >= enough ? spread(white) : both;
   const double white_variance = white.size() >= enough ? spread(white) : black_variance;
   PixelNoise noise;
@@ -189,6 +307,8 @@ FitQuality quality(const std::vector<TagSample>& samples, std::size_t parameters
   int clipped = 0;
   int borders = 0;
   int rejected = 0;
+  // A thousand tell the median to 3 %.
+  const int every = 1 + static_cast<int>(samples.size() / 1000);
   std::vector<double> sizes;
   for (const TagSample& sample : samples) {
     const double residual = residual_sigmas(sample);
@@ -196,7 +316,7 @@ FitQuality quality(const std::vector<TagSample>& samples, std::size_t parameters
     if (sample.leaks) continue;
     if (sample.view.kind != PixelView::flat) {
       ++borders;
-      sizes.push_back(std::abs(residual));
+      if (borders % every == 0) sizes.push_back(std::abs(residual));
       if (sample.weight < 0.05) {
         ++rejected;
       } else {
@@ -220,24 +340,24 @@ FitQuality quality(const std::vector<TagSample>& samples, std::size_t parameters
   return result;
 }
 
-void weigh(std::vector<TagSample>& samples, const cv::Rect& region, double blur_px, double cut, Weighing weighing) {
+void weigh(std::vector<TagSample>& samples, const cv::Size& region, double blur_px, double cut, Weighing weighing) {
   // Beyond 1.5 sigma of its border an occluder's blur is below what a cut of a few sigmas of noise can see.
   const int rim = std::max(1, static_cast<int>(std::lround(1.5 * blur_px)));
   cv::Mat1b rejected(region.height + 2 * rim, region.width + 2 * rim, static_cast<unsigned char>(0));
   const auto mark = [&](const TagSample& sample) -> unsigned char& {
-    return rejected(sample.row - region.y + rim, sample.column - region.x + rim);
+    return rejected(sample.row + rim, sample.column + rim);
   };
   const auto neighbours = [&](const TagSample& sample, int reach, int value) {
     int count = 0;
     for (int dy = -reach; dy <= reach; ++dy)
       for (int dx = -reach; dx <= reach; ++dx)
-        count += rejected(sample.row - region.y + rim + dy, sample.column - region.x + rim + dx) >= value;
+        count += rejected(sample.row + rim + dy, sample.column + rim + dx) >= value;
     return count;
   };
   for (TagSample& sample : samples) {
     const double size = residual_sigmas(sample) / cut;
     const double rest = std::max(0.0, 1.0 - size * size);
-    sample.weight = weighing == Weighing::tukey ? rest * rest : rest > 0.0 ? 1.0 : 0.0;
+    sample.weight = weighing == Weighing::tukey ? static_cast<float>(rest * rest) : rest > 0.0 ? 1.0F : 0.0F;
     if (rest == 0.0) mark(sample) = 1;
   }
   // Three of nine together are no accident of noise.

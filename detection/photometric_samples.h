@@ -30,7 +30,7 @@ struct TagRegion {
 double start_blur(const cv::Mat1b& gray, const Corners& corners_px);
 
 /// The pixels that the model explains: those on borders, some hundreds of the flat ones, and of what surrounds the
-/// print only what its margin makes sure.
+/// print only what its margin makes sure; those of one view side by side.
 /// @param every    takes every so many-th column and row
 /// @param slack_px how far borders may still move
 std::vector<TagSample> select_samples(const cv::Mat1b& gray, const TagImageModel& model, const TagRegion& region,
@@ -59,6 +59,6 @@ enum class Weighing { tukey, all_or_nothing };
 /// Robust weights; a patch of rejected pixels is something in front of the tag, and goes with the rim that its blur
 /// reaches.
 /// @param cut  residual at which a pixel's weight ends [sigma]
-void weigh(std::vector<TagSample>& samples, const cv::Rect& region, double blur_px, double cut, Weighing weighing);
+void weigh(std::vector<TagSample>& samples, const cv::Size& region, double blur_px, double cut, Weighing weighing);
 
 }  // namespace tagdock

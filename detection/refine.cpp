@@ -20,6 +20,9 @@ constexpr std::array<std::pair<CornerMethod, std::string_view>, 5> method_words{
 /// (notes on detection, section 4).
 constexpr double library_corner_sigma_px = 0.1;
 
+/// Ink, tone curves, clipping and what stands before a side shift sides by 0.2 to 0.6 px (the same section).
+constexpr double unmodelled_sigma_px = 0.2;
+
 RefinedTag as_detected(const TagDetection& coarse) {
   RefinedTag tag;
   tag.id = coarse.id;
@@ -35,18 +38,23 @@ double largest_sigma_px(const RefinedTag& tag) { return std::sqrt(tag.covariance
 
 /// The whole tag; or its sides, where the whole does not fit the model (a point-sampled picture, too few pixels) or is,
 /// by its own covariance, no finer than the library's corners and the sides are. The result's terms say which it was.
-/// Where an edge was left or the shape is wrong, the sides are no more to be trusted than the whole.
+/// Where an edge was left, or the shape or the pattern is wrong, the sides are no more to be trusted than the whole.
 Refinement refine_best(const cv::Mat1b& gray, const std::string& family, const TagDetection& coarse,
                        const std::optional<CameraModel>& camera) {
   Refinement whole = refine_photometric(gray, family, coarse, PhotometricConfig{}, camera);
   const RefinedTag* fitted = std::get_if<RefinedTag>(&whole);
   if (fitted != nullptr && largest_sigma_px(*fitted) <= library_corner_sigma_px) return whole;
   if (const Unrefined* reason = std::get_if<Unrefined>(&whole))
-    if (*reason == Unrefined::left_the_edge || *reason == Unrefined::not_a_quadrilateral) return whole;
+    if (*reason == Unrefined::left_the_edge || *reason == Unrefined::not_a_quadrilateral ||
+        *reason == Unrefined::other_pattern)
+      return whole;
   EdgeRefinerConfig edges;
   edges.profile = EdgeProfile::erf;
   Refinement sides = refine_edges(gray, coarse, edges, camera);
-  const RefinedTag* by_sides = std::get_if<RefinedTag>(&sides);
+  RefinedTag* by_sides = std::get_if<RefinedTag>(&sides);
+  // What the whole could not be fitted to may be light, ink or a tone curve that shift all sides alike, by more than
+  // their own residuals tell.
+  if (by_sides != nullptr) by_sides->covariance_px2.diagonal().array() += unmodelled_sigma_px * unmodelled_sigma_px;
   if (fitted != nullptr && (by_sides == nullptr || largest_sigma_px(*by_sides) > largest_sigma_px(*fitted)))
     return whole;
   return sides;

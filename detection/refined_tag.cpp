@@ -12,6 +12,8 @@ std::string_view word(Unrefined reason) {
       return "did_not_converge";
     case Unrefined::not_a_quadrilateral:
       return "not_a_quadrilateral";
+    case Unrefined::other_pattern:
+      return "other_pattern";
   }
   return "unknown";
 }

@@ -27,10 +27,11 @@ struct RefinedTag {
 
 /// Why corners could not be refined.
 enum class Unrefined {
-  too_few_pixels,      ///< the tag is too small for its band of pixels
-  left_the_edge,       ///< a corner moved farther than a coarse corner can be wrong
-  did_not_converge,    ///< no minimum was reached
-  not_a_quadrilateral  ///< the corners found do not form a convex quadrilateral
+  too_few_pixels,       ///< the tag is too small for its band of pixels
+  left_the_edge,        ///< a corner moved farther than a coarse corner can be wrong
+  did_not_converge,     ///< no minimum was reached
+  not_a_quadrilateral,  ///< the corners found do not form a convex quadrilateral
+  other_pattern         ///< black and white do not lie as the decoded tag has them
 };
 
 std::string_view word(Unrefined reason);

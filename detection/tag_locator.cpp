@@ -3,7 +3,9 @@
 #include <algorithm>
 #include <cmath>
 #include <stdexcept>
+#include <utility>
 
+#include "detection/tag_following.h"
 #include "planning/pose2.h"
 
 namespace tagdock {
@@ -85,10 +87,17 @@ Sighting TagLocator::locate(const Frame& frame, const std::optional<Eigen::Isome
     throw std::invalid_argument("the frame has " + std::to_string(frame.gray.cols) + "x" +
                                 std::to_string(frame.gray.rows) + " pixels, the rig's camera model " +
                                 std::to_string(rig_.camera.width) + "x" + std::to_string(rig_.camera.height));
-  // 1. region and detection
-  const std::optional<cv::Rect> region =
-      predicted ? predicted_region(board_, *predicted, rig_.camera, config_.region_margin) : std::nullopt;
+  // 1. where the tags are: followed, or found in a region or the whole frame
   std::vector<TagDetection> detections;
+  bool followed = false;
+  if (predicted && config_.follow) {
+    FollowedTags there = follow_tags(frame.gray, board_, rig_.camera, *predicted, config_.detector.max_hamming,
+                                     config_.detector.border_px);
+    followed = there.expected > 0 && static_cast<int>(there.tags.size()) == there.expected;
+    if (followed) detections = std::move(there.tags);
+  }
+  const std::optional<cv::Rect> region =
+      predicted && !followed ? predicted_region(board_, *predicted, rig_.camera, config_.region_margin) : std::nullopt;
   if (region) detections = detector_.detect(frame.gray, *region);
   if (!shows(detections, board_)) detections = detector_.detect(frame.gray);
   if (detections.empty()) return Unseen::no_tag;
@@ -115,6 +124,7 @@ Sighting TagLocator::locate(const Frame& frame, const std::optional<Eigen::Isome
     seen->frame_number = frame.number;
     seen->time = frame.time;
     seen->unrefined = unrefined;
+    seen->followed = followed;
   }
   return sighting;
 }

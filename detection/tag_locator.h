@@ -29,6 +29,7 @@ Refinement refine(const cv::Mat1b& gray, const std::string& family, const TagDet
 struct TagLocatorConfig {
   CornerMethod method = CornerMethod::best;
   TagDetectorConfig detector;
+  bool follow = true;          ///< look for borders where the prediction has them before searching
   double region_margin = 0.5;  ///< the searched region is the predicted board enlarged by this share of its size
   double sigma_roll_deg = 0.1;
   double sigma_pitch_deg = 0.2;
@@ -38,13 +39,15 @@ struct TagLocatorConfig {
 /// How the camera stands over the floor, as far as the rig and the configuration tell.
 GroundPrior ground_prior(const Rig& rig, const TagLocatorConfig& config);
 
-/// The spine of seeing: Frame -> Sighting. Steps, in order: region, detection, refinement, board pose.
+/// The spine of seeing: Frame -> Sighting. Steps, in order: following the prediction or else region and detection;
+/// refinement; board pose.
 class TagLocator {
  public:
   TagLocator(const Rig& rig, const Board& board, const TagLocatorConfig& config);
 
-  /// @param predicted  where the camera is expected to see the station (T_camera_station): only that part of the image
-  ///                   is searched, and the whole frame if the board is not there
+  /// @param predicted  where the camera is expected to see the station (T_camera_station): its tags are followed there;
+  ///                   if one of them is missing that part of the image is searched, and the whole frame if the board
+  ///                   is not there
   [[nodiscard]] Sighting locate(const Frame& frame, const std::optional<Eigen::Isometry3d>& predicted) const;
 
   [[nodiscard]] const TagLocatorConfig& config() const { return config_; }

@@ -58,6 +58,7 @@ struct BoardSighting {
   std::optional<Eigen::Isometry3d> T_camera_station_mirrored;  ///< the second pose, where the odds do not settle it
   std::vector<RefinedTag> tags;                                ///< what it was made from, by id
   bool unrefined = false;  ///< some tag had to be used with the detector's own corners
+  bool followed = false;   ///< the tags were found from the predicted pose, without searching the image
 };
 
 /// Why a frame gave no pose.

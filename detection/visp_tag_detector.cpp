@@ -205,7 +205,7 @@ bool VispTagDetector::getPose(std::size_t index, double size, const vpCameraPara
   if (index >= state_->tags.size()) return false;
   const RefinedTag& tag = state_->tags[index];
   const CameraModel model = model_of(camera, std::max(1, state_->width), std::max(1, state_->height));
-  const std::vector<TagPose> found = tag_poses(tag, size, model);
+  const std::vector<TagPose> found = getTagPoses(index, size, camera);
   if (found.empty()) return false;
   const bool two = found.size() > 1;
   pose = in_visp(found[0].T_camera_tag, state_->aligned);
@@ -245,5 +245,13 @@ void VispTagDetector::setZAlignedWithCameraAxis(bool aligned) {
 void VispTagDetector::setCornerMethod(CornerMethod method) { state_->method = method; }
 
 const std::vector<RefinedTag>& VispTagDetector::getRefinedTags() const { return state_->tags; }
+
+std::vector<TagPose> VispTagDetector::getTagPoses(std::size_t index, double size,
+                                                  const vpCameraParameters& camera) const {
+  if (!(std::isfinite(size) && size > 0.0)) throw vpException(vpException::badValue, "the tag's size must be positive");
+  if (index >= state_->tags.size()) return {};
+  return tag_poses(state_->tags[index], size,
+                   model_of(camera, std::max(1, state_->width), std::max(1, state_->height)));
+}
 
 }  // namespace tagdock

@@ -11,6 +11,7 @@
 
 #include "detection/refined_tag.h"
 #include "detection/tag_locator.h"
+#include "detection/tag_pose.h"
 
 namespace tagdock {
 
@@ -70,6 +71,10 @@ class VispTagDetector : public vpDetectorAprilTag {
   /// Beyond ViSP: the method that makes the corners, and the tags with their covariances, in the order of the polygons.
   void setCornerMethod(CornerMethod method);
   [[nodiscard]] const std::vector<RefinedTag>& getRefinedTags() const;
+  /// Both poses of one of the tags found last, the likelier first, with covariances and chi-squares; in our tag frame
+  /// (x right, y down, z into the wall) whatever setZAlignedWithCameraAxis says. Empty if there is none.
+  [[nodiscard]] std::vector<TagPose> getTagPoses(std::size_t index, double size,
+                                                 const vpCameraParameters& camera) const;
 
  private:
   struct State;

@@ -166,10 +166,11 @@ TEST_CASE("sums by border equal sums pixel by pixel") {
     hessian += at.by * at.by.transpose() / sample.variance;
     gradient += at.by * (at.grey - sample.grey) / sample.variance;
   }
-  const Equations sums = model.equations(samples, Sum::information);
-  // The same sums in another order: only rounding differs.
-  CHECK((sums.hessian - hessian).norm() < 1e-9 * hessian.norm());
-  CHECK((sums.gradient - gradient).norm() < 1e-9 * gradient.norm() + 1e-6);
+  const Equations sums = model.equations(samples);
+  // The same sums in single precision: the functions are good to a few 1e-7, of which the gradient, a difference of
+  // large terms, shows more.
+  CHECK((sums.hessian - hessian).norm() < 1e-5 * hessian.norm());
+  CHECK((sums.gradient - gradient).norm() < 1e-3 * gradient.norm());
 }
 
 TEST_CASE("terms are on where the image needs them, and the corners stay good") {

@@ -2,6 +2,7 @@
 
 #include <catch2/catch.hpp>
 
+#include "detection/tag_pattern.h"
 #include "planning/pose2.h"
 #include "tests/detection/scene_rendering.h"
 
@@ -92,6 +93,62 @@ TEST_CASE("a wrong prediction costs time, not the sighting") {
     REQUIRE(std::holds_alternative<BoardSighting>(sighting));
     CHECK(distance(std::get<BoardSighting>(sighting).T_camera_station, station.T_camera_station) < 0.001);
   }
+}
+
+TEST_CASE("tags are followed from a prediction that is centimetres and a degree off, to the same pose") {
+  const Station station({-2.95, 0.15, radians(-4.0)});
+  const Frame frame = station.frame(45);
+  const TagLocator locator(station.rig, station.board, by(CornerMethod::best));
+  const Sighting searched = locator.locate(frame, std::nullopt);
+  REQUIRE(std::holds_alternative<BoardSighting>(searched));
+  CHECK_FALSE(std::get<BoardSighting>(searched).followed);
+  for (const Eigen::Vector3d& shift :
+       {Eigen::Vector3d(0.0, 0.0, 0.0), Eigen::Vector3d(0.02, 0.005, 0.05), Eigen::Vector3d(-0.015, -0.01, -0.08)}) {
+    Eigen::Isometry3d T_predicted = station.T_camera_station;
+    T_predicted.translation() += shift;
+    T_predicted.linear() = Eigen::AngleAxisd(radians(20.0) * shift.x(), Eigen::Vector3d::UnitY()).toRotationMatrix() *
+                           T_predicted.linear();
+    const Sighting sighting = locator.locate(frame, T_predicted);
+    REQUIRE(std::holds_alternative<BoardSighting>(sighting));
+    const BoardSighting& seen = std::get<BoardSighting>(sighting);
+    CAPTURE(shift.transpose());
+    CHECK(seen.followed);
+    CHECK(seen.tags.size() == station.board.tags.size());
+    // Another start of the same fit, with a few other pixels: half of the 0.1 mm that noise makes.
+    CHECK(distance(seen.T_camera_station, std::get<BoardSighting>(searched).T_camera_station) < 5e-5);
+  }
+}
+
+TEST_CASE("tags of every family are followed") {
+  for (const std::string family :
+       {"tag36h11", "tag25h9", "tag16h5", "tagStandard41h12", "tagStandard52h13", "tagCircle21h7", "tagCircle49h12"}) {
+    CAPTURE(family);
+    Station station({-2.2, 0.1, radians(3.0)});
+    station.board.family = family;
+    const TagPattern pattern = tag_pattern(family, 1);
+    for (std::size_t i = 0; i < station.board.tags.size(); ++i) {
+      station.board.tags[i].id = static_cast<int>(i) + 1;
+      station.board.tags[i].size *= 1.25 * pattern.border_cells / pattern.cells;  // prints that do not overlap
+    }
+    const TagLocator locator(station.rig, station.board, by(CornerMethod::best));
+    Eigen::Isometry3d T_predicted = station.T_camera_station;
+    T_predicted.translation() += Eigen::Vector3d(0.004, -0.003, 0.02);
+    const Sighting sighting = locator.locate(station.frame(47), T_predicted);
+    REQUIRE(std::holds_alternative<BoardSighting>(sighting));
+    CHECK(std::get<BoardSighting>(sighting).followed);
+    CHECK(distance(std::get<BoardSighting>(sighting).T_camera_station, station.T_camera_station) < 0.001);
+  }
+}
+
+TEST_CASE("a tag with another code is not followed") {
+  Station station({-2.5, 0.0, 0.0});
+  const TagLocator locator(station.rig, station.board, by(CornerMethod::tanh));
+  Station other = station;
+  other.board.tags[1].id += 50;
+  const Sighting sighting = locator.locate(other.frame(46), station.T_camera_station);
+  REQUIRE(std::holds_alternative<BoardSighting>(sighting));
+  CHECK_FALSE(std::get<BoardSighting>(sighting).followed);
+  CHECK(std::get<BoardSighting>(sighting).tags.size() == 2);
 }
 
 TEST_CASE("nothing, other tags and a doubled tag are told apart") {

@@ -100,6 +100,12 @@ TEST_CASE("poses are ViSP's frame, agree with ViSP's projection, and are finer t
     CHECK(rotation_between(our_poses[0], their_poses[0]) < 0.03);  // ViSP's half pixel and corners: a degree or so
     CHECK(errors[0] < errors2[0]);
     CHECK(rotation_between(our_poses[0], our_second[0]) > 0.5);  // turned over by twice the tilt
+    const std::vector<TagPose> both = ours.getTagPoses(0, seen.scene.size, seen.camera);
+    REQUIRE(both.size() == 2);
+    CHECK(both[0].chi2 < both[1].chi2);
+    CHECK(both[0].covariance.diagonal().minCoeff() > 0.0);
+    CHECK((both[0].T_camera_tag.translation() - seen.scene.T_camera_tag.translation()).norm() < 0.001);
+    CHECK(ours.getTagPoses(1, seen.scene.size, seen.camera).empty());
 
     vpHomogeneousMatrix truth;
     for (unsigned int row = 0; row < 3; ++row)
