@@ -17,6 +17,7 @@ namespace {
 
 constexpr const char* runs_file = "runs.csv";
 constexpr const char* campaign_file = "campaign.yaml";
+constexpr const char* traces_folder = "traces";
 
 std::string digits(double value) {
   char text[32];
@@ -88,6 +89,14 @@ class RecordReader {
                     where_ + ": field " + std::to_string(column + 1) + " is '" + text + "'; it must be a number");
     return value;
   }
+  /// Empty where the column is missing or empty.
+  [[nodiscard]] std::string optional_word(std::size_t column) const {
+    return column < fields_.size() ? fields_[column] : std::string();
+  }
+  [[nodiscard]] std::optional<double> optional_number(std::size_t column) const {
+    if (optional_word(column).empty()) return std::nullopt;
+    return number(column);
+  }
   [[nodiscard]] std::optional<Pose2> pose(std::size_t column) const {
     if (column >= fields_.size() || fields_[column].empty()) return std::nullopt;
     return Pose2{number(column), number(column + 1), number(column + 2)};
@@ -104,13 +113,15 @@ bool same_outcome(const RunRecord& a, const RunRecord& b) { return line(a) == li
 
 std::string runs_header() {
   return "seed,scenario,result,reason,true_x,true_y,true_yaw,estimated_x,estimated_y,estimated_yaw,duration_s,attempts,"
-         "stop_latency_ms,sigma_x,sigma_y,sigma_yaw";
+         "stop_latency_ms,sigma_x,sigma_y,sigma_yaw,fault,fault_to_zero_ms,fault_to_stand_ms";
 }
 
 std::string line(const RunRecord& record) {
   return std::to_string(record.seed) + "," + record.scenario + "," + record.result + "," + record.reason +
          pose_fields(record.true_error) + pose_fields(record.estimated) + "," + digits(record.duration_s) + "," +
-         std::to_string(record.attempts) + "," + digits(record.stop_latency_ms) + pose_fields(record.sigma);
+         std::to_string(record.attempts) + "," + digits(record.stop_latency_ms) + pose_fields(record.sigma) + "," +
+         record.fault + "," + (record.fault_to_zero_ms ? digits(*record.fault_to_zero_ms) : "") + "," +
+         (record.fault_to_stand_ms ? digits(*record.fault_to_stand_ms) : "");
 }
 
 std::vector<RunRecord> read_runs(const std::filesystem::path& file) {
@@ -139,22 +150,42 @@ std::vector<RunRecord> read_runs(const std::filesystem::path& file) {
     record.attempts = static_cast<int>(reader.number(11));
     record.stop_latency_ms = reader.number(12);
     record.sigma = reader.pose(13);
+    record.fault = reader.optional_word(16);
+    record.fault_to_zero_ms = reader.optional_number(17);
+    record.fault_to_stand_ms = reader.optional_number(18);
     records.push_back(std::move(record));
   }
   return records;
 }
 
 std::string campaign_text(const RunSettings& settings) {
-  return std::string("version: 1\nprogram: \"tagdock " TAGDOCK_VERSION "\"\nstrategy: ") +
-         (settings.strategy == Strategy::servo ? "servo" : "paper") + "\nteach: " + (settings.teach ? "on" : "off") +
-         "\nimages: " + (settings.images ? "on" : "off") + "\nscenario_name: \"" + settings.scenario.name + "\"\n" +
-         to_yaml(settings.config) + "# scenario file\n" + settings.scenario_text;
+  const auto line = [](const std::string& key, const std::string& value) { return key + ": \"" + value + "\"\n"; };
+  const std::string law = settings.strategy == Strategy::paper                  ? "open"
+                          : settings.config.docking.servo.law == ServoLaw::line ? "line"
+                                                                                : "centering";
+  return "version: 1\n" + line("program", "tagdock " TAGDOCK_VERSION) +
+         line("strategy", settings.strategy == Strategy::servo ? "servo" : "paper") + line("law", law) +
+         line("scenario_name", settings.scenario.name) + line("start", settings.start_name) +
+         line("rig_name", settings.rig_name) + line("board_name", settings.board_name) +
+         line("corners", settings.images ? std::string(word(settings.config.locator.method)) : settings.corners_name) +
+         line("teach", settings.teach ? "on" : "off") + line("images", settings.images ? "on" : "off") +
+         line("focal_length_px", digits(settings.config.rig.camera.fx)) +
+         line("limits_lifted", settings.limits_lifted ? "yes" : "no") + "# corner errors\n" +
+         to_yaml(settings.corner_errors) + to_yaml(settings.config) + "# scenario file\n" + settings.scenario_text;
+}
+
+std::string campaign_value(const std::string& text, const std::string& key) {
+  const std::string begin = "\n" + key + ": \"";
+  const std::size_t at = text.find(begin);
+  if (at == std::string::npos) return "";
+  const std::size_t from = at + begin.size();
+  return text.substr(from, text.find('"', from) - from);
 }
 
 std::vector<RunRecord> run_campaign(const RunSettings& settings, const CampaignShare& share,
                                     const std::filesystem::path& folder,
                                     const std::function<void(int done, int wanted)>& progress) {
-  make_folder(folder);
+  make_folder(folder / traces_folder);
   const std::string text = campaign_text(settings);
   std::map<std::uint64_t, RunRecord> done;
   if (std::filesystem::exists(folder / campaign_file)) {
@@ -185,8 +216,11 @@ std::vector<RunRecord> run_campaign(const RunSettings& settings, const CampaignS
   const auto work = [&] {
     for (std::size_t i = next++; i < missing.size(); i = next++) {
       try {
-        RunRecord record = run_once(settings, missing[i]);
+        const bool traced = missing[i] - share.first_seed < traced_runs;
+        RunTrace trace;
+        RunRecord record = run_once(settings, missing[i], traced ? &trace : nullptr);
         const std::lock_guard lock(mutex);
+        if (traced) write_trace(folder / traces_folder / (std::to_string(missing[i]) + ".csv"), trace);
         stream << line(record) << "\n" << std::flush;
         if (!stream)
           throw Failure(ExitCode::usage, (folder / runs_file).string() + ": cannot be written (is the disk full?)");
@@ -212,6 +246,16 @@ std::vector<RunRecord> run_campaign(const RunSettings& settings, const CampaignS
   return records;
 }
 
+std::vector<RunTrace> read_traces(const std::filesystem::path& folder) {
+  std::vector<std::filesystem::path> files;
+  if (std::filesystem::is_directory(folder / traces_folder))
+    for (const auto& file : std::filesystem::directory_iterator(folder / traces_folder)) files.push_back(file.path());
+  std::sort(files.begin(), files.end());
+  std::vector<RunTrace> traces;
+  for (const std::filesystem::path& file : files) traces.push_back(read_trace(file));
+  return traces;
+}
+
 std::vector<RunRecord> join_campaigns(const std::vector<std::filesystem::path>& shards,
                                       const std::filesystem::path& folder) {
   std::map<std::uint64_t, RunRecord> joined;
@@ -232,8 +276,13 @@ std::vector<RunRecord> join_campaigns(const std::vector<std::filesystem::path>& 
                                            " has another outcome than in an earlier folder");
     }
   }
-  make_folder(folder);
+  make_folder(folder / traces_folder);
   write(folder / campaign_file, text);
+  for (const std::filesystem::path& shard : shards)
+    if (std::filesystem::is_directory(shard / traces_folder))
+      for (const auto& trace : std::filesystem::directory_iterator(shard / traces_folder))
+        std::filesystem::copy_file(trace.path(), folder / traces_folder / trace.path().filename(),
+                                   std::filesystem::copy_options::overwrite_existing);
   std::vector<RunRecord> records;
   for (auto& [seed, record] : joined) records.push_back(std::move(record));
   write_runs(folder, records);

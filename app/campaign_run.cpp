@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "app/simulation/draws.h"
 #include "app/simulation/frame_schedule.h"
 #include "detection/tag_locator.h"
 #include "planning/docking_plan.h"
@@ -15,43 +16,61 @@ namespace {
 using std::chrono::milliseconds;
 using std::chrono::nanoseconds;
 
+constexpr std::uint64_t fault_purpose = 31;  // of random numbers; World has 11 to 16, SightingModel 21 and 22
 constexpr nanoseconds longest_run = std::chrono::seconds(600);
 
 // The world of one run with what the robot gets of it: sightings as they arrive, odometry, and nothing else.
 class Run {
  public:
-  Run(const RunSettings& settings, std::uint64_t seed)
+  Run(const RunSettings& settings, std::uint64_t seed, RunTrace* trace = nullptr)
       : settings_(settings),
+        trace_(trace),
         world_(obeying(settings), settings.config.rig, settings.config.board, seed),
-        locator_(settings.config.rig, settings.config.board, settings.config.locator),
-        model_(settings.config.rig, settings.config.board, settings.config.locator, settings.corner_errors, seed) {}
+        model_(settings.config.rig, settings.config.board, settings.config.locator, settings.corner_errors, seed),
+        fault_draw_(Draws(seed, fault_purpose).even()) {
+    if (settings.images) locator_.emplace(settings.config.rig, settings.config.board, settings.config.locator);
+  }
 
   [[nodiscard]] nanoseconds now() const { return now_; }
 
-  /// Everything new since the last call.
-  Tick read(const std::function<std::optional<Eigen::Isometry3d>(nanoseconds)>& predicted_view) {
+  /// The odometry since the last call, without a look.
+  Tick read_odometry() {
     Tick tick;
     tick.now = now_;
+    if (odometry_silent()) return tick;
     const Odometry odometry = world_.odometry();
     if (!last_odometry_ || odometry.time > *last_odometry_) tick.odometry.push_back(odometry);
     last_odometry_ = odometry.time;
-    if (const auto frame = schedule_.newest(world_, now_)) {
+    return tick;
+  }
+
+  /// Everything new since the last call.
+  Tick read(const std::function<std::optional<Eigen::Isometry3d>(nanoseconds)>& predicted_view) {
+    Tick tick = read_odometry();
+    if (const auto frame = schedule_.newest(world_, now_);
+        frame && !(fault_ == Fault::frames && frame->exposed >= broken_at_)) {
+      last_frame_ = frame->exposed;
       tick.frame_time = frame->exposed;
       if (settings_.images)
-        tick.sighting = locator_.locate({world_.render(frame->exposed).gray, frame->exposed, frame->number},
-                                        predicted_view(frame->exposed));
+        tick.sighting = locator_->locate(
+            {world_.render(frame->exposed, RenderedRows::with_tags).gray, frame->exposed, frame->number},
+            predicted_view(frame->exposed));
       else
-        tick.sighting = model_.look(world_, frame->number, frame->exposed);
+        tick.sighting = model_.look(world_, frame->number, frame->exposed, predicted_view(frame->exposed));
     }
+    if (tick.sighting) trace_sighting(*tick.sighting);
     return tick;
   }
 
   void drive(const Twist2& command, nanoseconds step) {
-    world_.command(command, now_);
+    if (fault_ != Fault::link) world_.command(command, now_);
     if (command != Twist2{}) last_moved_ = now_;
+    if (fault_ != Fault::none && !zero_at_ && command == Twist2{}) zero_at_ = now_;
     now_ += step;
     world_.advance(now_);
     note_rest();
+    trace_moment();
+    break_what_breaks();
   }
 
   /// What the world knows at the end.
@@ -60,6 +79,14 @@ class Run {
     for (int i = 0; i < 100; ++i) drive({}, milliseconds(20));
     record.true_error = world_.docking_error(settings_.config.docking.dock_pose);
     record.stop_latency_ms = std::max(0.0, std::chrono::duration<double, std::milli>(rested_ - last_moved_).count());
+    if (fault_ == Fault::none) return;
+    const nanoseconds last_good = fault_ == Fault::frames ? last_frame_ : last_odometry_.value_or(broken_at_);
+    const auto since = [&](const std::optional<nanoseconds>& time) {
+      return time ? std::optional(std::chrono::duration<double, std::milli>(*time - last_good).count()) : std::nullopt;
+    };
+    record.fault = fault_ == Fault::frames ? "frames" : fault_ == Fault::odometry ? "odometry" : "link";
+    record.fault_to_zero_ms = since(zero_at_);
+    record.fault_to_stand_ms = since(stood_at_);
   }
 
  private:
@@ -71,20 +98,63 @@ class Run {
     return scenario;
   }
 
+  enum class Fault { none, frames, odometry, link };
+
+  [[nodiscard]] bool odometry_silent() const { return fault_ == Fault::odometry || fault_ == Fault::link; }
+
   void note_rest() {
     constexpr double still = 0.001;  // m/s and rad/s
     const Twist2& wheels = world_.truth().wheels;
-    if (std::abs(wheels.linear) > still || std::abs(wheels.angular) > still) rested_ = world_.truth().time;
+    if (std::abs(wheels.linear) > still || std::abs(wheels.angular) > still)
+      rested_ = world_.truth().time;
+    else if (fault_ != Fault::none && !stood_at_)
+      stood_at_ = world_.truth().time;
+  }
+
+  void break_what_breaks() {
+    if (fault_ != Fault::none) return;
+    const FaultScenario& faults = world_.scenario().faults;
+    const double range = -world_.T_station_camera_point().x;
+    const auto breaks = [&](double at) { return at > 0.0 && range < at + faults.range_spread * fault_draw_; };
+    fault_ = breaks(faults.frames_stop_range)      ? Fault::frames
+             : breaks(faults.odometry_stops_range) ? Fault::odometry
+             : breaks(faults.link_silent_range)    ? Fault::link
+                                                   : Fault::none;
+    broken_at_ = now_;
+  }
+
+  void trace_moment() {
+    constexpr nanoseconds between = milliseconds(100);
+    if (trace_ == nullptr || (!trace_->empty() && now_ < traced_ + between)) return;
+    traced_ = now_;
+    trace_->push_back({std::chrono::duration<double>(now_).count(), world_.T_station_camera_point(), {}, {}});
+  }
+
+  void trace_sighting(const Sighting& sighting) {
+    const BoardSighting* board = std::get_if<BoardSighting>(&sighting);
+    if (trace_ == nullptr || board == nullptr) return;
+    const Rig& rig = settings_.config.rig;
+    const PlanarSighting planar = planar_sighting(rig, board->time, board->T_camera_station, board->covariance, 0.0);
+    trace_->push_back({std::chrono::duration<double>(now_).count(), world_.T_station_camera_point(),
+                       board->reprojection_rms_px, planar.T_station_base * camera_point(rig)});
   }
 
   const RunSettings& settings_;
+  RunTrace* trace_;  ///< null: nobody wants it
+  nanoseconds traced_{0};
   World world_;
-  TagLocator locator_;
+  std::optional<TagLocator> locator_;  ///< with images
   SightingModel model_;
   FrameSchedule schedule_;
   nanoseconds now_{0};
   std::optional<nanoseconds> last_odometry_;
   nanoseconds last_moved_{0};
+  double fault_draw_;  ///< -1..1
+  Fault fault_ = Fault::none;
+  nanoseconds broken_at_{0};
+  nanoseconds last_frame_{0};  ///< mid-exposure of the newest that came
+  std::optional<nanoseconds> zero_at_;
+  std::optional<nanoseconds> stood_at_;
   nanoseconds rested_{0};
 };
 
@@ -94,8 +164,8 @@ std::string one_field(std::string text) {
   return text;
 }
 
-RunRecord run_servo(const RunSettings& settings, std::uint64_t seed) {
-  Run run(settings, seed);
+RunRecord run_servo(const RunSettings& settings, std::uint64_t seed, RunTrace* trace) {
+  Run run(settings, seed, trace);
   RunRecord record;
   DockingConfig docking = settings.config.docking;
   if (settings.teach) {
@@ -159,9 +229,9 @@ DockingPlanConfig paper_plan() {
   return plan;
 }
 
-RunRecord run_paper(const RunSettings& settings, std::uint64_t seed) {
+RunRecord run_paper(const RunSettings& settings, std::uint64_t seed, RunTrace* trace) {
   constexpr std::size_t sightings_at_start = 20;
-  Run run(settings, seed);
+  Run run(settings, seed, trace);
   RunRecord record;
   // The marker-centring position: one pose, from the mean of what was seen at standstill.
   PoseFilter filter(settings.config.rig, settings.config.docking.filter);
@@ -190,8 +260,10 @@ RunRecord run_paper(const RunSettings& settings, std::uint64_t seed) {
   FollowState state;
   Pose2 pose = start->T_station_base;
   bool arrived = false;
-  while (!arrived && run.now() < longest_run) {
-    const Tick tick = run.read([](nanoseconds) { return std::nullopt; });
+  // Twice the way's time: without odometry it would drive on for ever, having no watchdog.
+  const nanoseconds latest = run.now() + 2 * travel_time(plan->length, controller) + std::chrono::seconds(10);
+  while (!arrived && run.now() < latest) {
+    const Tick tick = run.read_odometry();
     if (!tick.odometry.empty()) pose = T_station_odom * tick.odometry.back().T_odom_base;
     const FollowStep step = follow(plan->path, state, pose, period, controller);
     state = step.next;
@@ -226,6 +298,7 @@ std::optional<Fix> taught_pose(const RunSettings& settings, std::uint64_t seed) 
   start.range_sigma = start.bearing_sigma = start.bearing_spread = start.heading_sigma = start.heading_spread =
       start.castor_sigma = 0.0;
   before.scenario.station.moved = {};
+  before.scenario.faults = {};
   Run run(before, seed);
   PoseFilter filter(settings.config.rig, settings.config.docking.filter);
   const std::vector<PlanarSighting> seen = look_at_standstill(run, filter, count);
@@ -253,8 +326,9 @@ Board single_tag_board(double height) {
   return board;
 }
 
-RunRecord run_once(const RunSettings& settings, std::uint64_t seed) {
-  RunRecord record = settings.strategy == Strategy::servo ? run_servo(settings, seed) : run_paper(settings, seed);
+RunRecord run_once(const RunSettings& settings, std::uint64_t seed, RunTrace* trace) {
+  RunRecord record =
+      settings.strategy == Strategy::servo ? run_servo(settings, seed, trace) : run_paper(settings, seed, trace);
   record.seed = seed;
   record.scenario = settings.scenario.name;
   return record;

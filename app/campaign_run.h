@@ -5,6 +5,7 @@
 #include <string>
 
 #include "app/config.h"
+#include "app/run_trace.h"
 #include "app/simulation/scenario.h"
 #include "app/simulation/sighting_model.h"
 
@@ -26,7 +27,13 @@ struct RunSettings {
   /// cancels. Without, it believes the nominal pose of its configuration.
   bool teach = true;
   bool images = false;  ///< rendered and seen by the real detector, or corners with drawn errors
-  CornerErrors corner_errors = errors_of_tanh();
+  CornerErrors corner_errors = tagdock::corner_errors("tanh");
+  bool limits_lifted = false;  ///< one attempt, and no refusal because the pose is uncertain
+  // For people, and to tell campaigns apart:
+  std::string start_name = "scenario";
+  std::string rig_name = "default";
+  std::string board_name = "v_convex_centre";
+  std::string corners_name = "tanh";
 };
 
 /// A line of runs.csv (CONTRACTS.md).
@@ -41,10 +48,15 @@ struct RunRecord {
   int attempts = 1;
   double stop_latency_ms = 0.0;  ///< from the last command to move until the wheels stand
   std::optional<Pose2> sigma;    ///< of `estimated`
+  // Where the scenario breaks something on the way:
+  std::string fault;                        ///< frames, odometry or link; empty: nothing broke
+  std::optional<double> fault_to_zero_ms;   ///< from the last good input (frame: mid-exposure) to a zero command
+  std::optional<double> fault_to_stand_ms;  ///< the same until the wheels stand
 };
 
 /// One docking in a world of its own. The same settings and seed give the same record to the last bit.
-RunRecord run_once(const RunSettings& settings, std::uint64_t seed);
+/// @param trace  receives the way, if given
+RunRecord run_once(const RunSettings& settings, std::uint64_t seed, RunTrace* trace = nullptr);
 
 /// The docking pose as a robot measures it that stands exactly there, in the same world as the run of that seed but
 /// before somebody moves the dock or touches the camera. None if it does not see the board well enough from there.

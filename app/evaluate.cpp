@@ -1,6 +1,7 @@
 // Verb: evaluate. Campaigns of simulated dockings, and what they come to.
 #include <chrono>
 #include <cstdio>
+#include <ctime>
 #include <filesystem>
 #include <fstream>
 #include <iostream>
@@ -8,27 +9,28 @@
 #include <thread>
 #include <unistd.h>
 
-#include "app/campaign.h"
+#include "app/campaign_set.h"
+#include "app/evaluate_measurements.h"
 #include "app/evaluation_report.h"
 #include "app/failure.h"
 #include "app/rig_file.h"
+#include "app/step_response.h"
+#include "app/set_report.h"
 #include "app/verbs.h"
 
 namespace tagdock {
 namespace {
 
 struct EvaluateOptions {
+  CampaignWish wish;
   int runs = 100;
   std::uint64_t seed = 1;
-  std::string strategy = "servo";
-  std::string scenario;
-  std::string config;
-  std::string rig;
-  std::string board;
-  std::string method;
-  std::string law;
+  std::vector<std::string> scenarios;
+  std::vector<std::string> rigs;
   std::string teach = "on";
   std::string images = "off";
+  int image_runs = 20;
+  bool ablation = false;
   int jobs = 0;
   std::string shard;
   std::vector<std::string> join;
@@ -47,47 +49,6 @@ void write(const std::filesystem::path& file, const std::string& text) {
   std::ofstream stream(file, std::ios::binary);
   stream << text << std::flush;
   if (!stream) throw Failure(ExitCode::usage, "--output " + file.string() + ": cannot be written");
-}
-
-bool needs_images(const Scenario& scenario) {
-  const StationScenario plain;
-  return !scenario.station.dirt.empty() || scenario.station.light_change_range > 0.0 ||
-         scenario.station.lamp_strength != plain.lamp_strength || scenario.station.ambient != plain.ambient;
-}
-
-RunSettings settings_of(const EvaluateOptions& options) {
-  RunSettings settings;
-  const bool paper = options.strategy == "paper";
-  settings.strategy = paper ? Strategy::paper : Strategy::servo;
-  settings.teach = options.teach == "on";
-  settings.images = options.images == "on";
-  Config config;
-  if (paper) {
-    config.rig = five_megapixel_rig();
-    config.board = single_tag_board(config.rig.T_base_camera.translation().z());
-    settings.corner_errors = errors_of_paper();
-  }
-  if (!options.config.empty()) config = read_config(options.config);
-  if (!options.rig.empty()) config.rig = read_rig(options.rig);
-  if (!options.board.empty()) config.board = read_board(options.board);
-  if (!options.method.empty()) config.locator.method = *corner_method(options.method);
-  if (!options.law.empty()) config.docking.servo.law = options.law == "line" ? ServoLaw::line : ServoLaw::centering;
-  if (!options.scenario.empty()) config.simulation.scenario = options.scenario;
-  const std::string& scenario = config.simulation.scenario;
-  if (!scenario.empty()) {
-    settings.scenario = read_scenario(scenario);
-    settings.scenario_text = contents(scenario);
-  } else if (paper) {
-    settings.scenario.name = "paper_start";
-    settings.scenario.start.range = 3.45;
-    settings.scenario.start.bearing = radians(26.0);
-    settings.scenario.start.bearing_spread = settings.scenario.start.heading_spread = 0.0;
-  }
-  if (!settings.images && needs_images(settings.scenario))
-    throw Failure(ExitCode::usage, "scenario " + settings.scenario.name +
-                                       " has dirt or other light, which only images show: give --images on");
-  settings.config = parse_config(to_yaml(config), "(configuration of this campaign)");
-  return settings;
 }
 
 CampaignShare share_of(const EvaluateOptions& options) {
@@ -131,54 +92,130 @@ class Progress {
   std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
 };
 
-void finish(const EvaluateOptions& options, const RunSettings& settings, const std::vector<RunRecord>& records) {
-  const Evaluation evaluation = evaluate(records);
-  const std::filesystem::path folder = options.output;
+// What a campaign.yaml says of itself, as far as reports name it.
+RunSettings settings_told(const std::string& campaign) {
+  RunSettings settings;
+  settings.strategy = campaign_value(campaign, "strategy") == "paper" ? Strategy::paper : Strategy::servo;
+  settings.images = campaign_value(campaign, "images") == "on";
+  settings.scenario.name = campaign_value(campaign, "scenario_name");
+  settings.start_name = campaign_value(campaign, "start");
+  settings.rig_name = campaign_value(campaign, "rig_name");
+  settings.board_name = campaign_value(campaign, "board_name");
+  settings.corners_name = campaign_value(campaign, "corners");
+  return settings;
+}
+
+// Writes the results of one campaign beside its runs.
+nlohmann::ordered_json write_results(const std::filesystem::path& folder, const std::string& campaign,
+                                     const std::vector<RunRecord>& records, const Evaluation& evaluation) {
+  const RunSettings settings = settings_told(campaign);
   const nlohmann::ordered_json json = to_json(evaluation, settings);
   write(folder / "summary.json", json.dump(2) + "\n");
-  const std::string campaign = contents(folder / "campaign.yaml");
+  FigureData data;
+  data.name = settings.strategy == Strategy::servo ? "servo" : "paper's strategy";
+  data.style = settings.strategy == Strategy::servo ? "#2b6cb0" : "#c53030";
+  data.records = records;
+  data.traces = read_traces(folder);
+  data.focal_length_px = std::atof(campaign_value(campaign, "focal_length_px").c_str());
   write(folder / "report.html",
-        to_html(evaluation, records,
+        to_html(evaluation, data,
                 std::string("tagdock evaluate: ") + (settings.strategy == Strategy::servo ? "servo" : "paper") +
                     ", scenario " + settings.scenario.name,
                 campaign));
-  if (options.json)
-    std::cout << json.dump(2) << "\n";
-  else
-    std::cout << summary(evaluation);
+  return json;
 }
 
-// The campaign of joined folders as their campaign.yaml tells it, as far as the summary names it.
-RunSettings settings_of_joined(const std::string& text) {
-  RunSettings settings;
-  settings.strategy = text.find("\nstrategy: paper\n") != std::string::npos ? Strategy::paper : Strategy::servo;
-  settings.images = text.find("\nimages: on\n") != std::string::npos;
-  const std::string key = "\nscenario_name: \"";
-  if (const std::size_t at = text.find(key); at != std::string::npos)
-    settings.scenario.name = text.substr(at + key.size(), text.find('"', at + key.size()) - at - key.size());
-  return settings;
+void write_set(const EvaluateOptions& options, const std::vector<SetResult>& results) {
+  const std::filesystem::path folder = options.output;
+  nlohmann::ordered_json all;
+  all["schema"] = "tagdock-evaluation-set/1";
+  for (const SetResult& result : results) {
+    nlohmann::ordered_json one =
+        write_results(folder / result.name, result.campaign, result.records, result.evaluation);
+    one.erase("schema");
+    all["campaigns"][result.name] = std::move(one);
+  }
+  write(folder / "summary.json", all.dump(2) + "\n");
+  write(folder / "report.html", set_to_html(results));
+  std::cout << (options.json ? all.dump(2) + "\n" : set_summary(results));
+}
+
+// CPU time of this process.
+double cpu_seconds() {
+  timespec time{};
+  ::clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &time);
+  return static_cast<double>(time.tv_sec) + 1e-9 * static_cast<double>(time.tv_nsec);
+}
+
+int join(const EvaluateOptions& options) {
+  const std::vector<std::filesystem::path> folders(options.join.begin(), options.join.end());
+  if (is_set(folders.front())) {
+    write_set(options, join_sets(folders, options.output));
+    return static_cast<int>(ExitCode::done);
+  }
+  const std::vector<RunRecord> records = join_campaigns(folders, options.output);
+  const Evaluation evaluation = evaluate(records);
+  const std::string campaign = contents(std::filesystem::path(options.output) / "campaign.yaml");
+  const nlohmann::ordered_json json = write_results(options.output, campaign, records, evaluation);
+  std::cout << (options.json ? json.dump(2) + "\n" : summary(evaluation));
+  return static_cast<int>(ExitCode::done);
+}
+
+// The campaigns that the options ask for; more than one make a set.
+std::vector<SetMember> members_of(const EvaluateOptions& options) {
+  SetWish wish;
+  wish.common = options.wish;
+  wish.common.teach = options.teach == "on";
+  wish.common.images = options.images == "on";
+  wish.runs = options.runs;
+  wish.image_runs = options.image_runs;
+  wish.rigs = options.rigs;
+  if (options.rigs.size() == 1) wish.common.rig = options.rigs.front();
+  if (options.ablation) return ablation_set(wish);
+  for (const std::string& word : options.scenarios)
+    for (const std::filesystem::path& file : scenario_files(word)) wish.scenarios.push_back(file.string());
+  const bool both = options.wish.strategy == "both";
+  if (both && wish.scenarios.empty()) wish.scenarios = {scenario_files("all").front().parent_path() / "default.yaml"};
+  if (!both && wish.scenarios.size() <= 1 && options.rigs.size() <= 1) {
+    CampaignWish one = wish.common;
+    if (!wish.scenarios.empty()) one.scenario = wish.scenarios.front();
+    return {{"", settings_of(one), options.runs}};
+  }
+  wish.strategies = both ? std::vector<std::string>{"paper", "servo"} : std::vector<std::string>{options.wish.strategy};
+  if (both && wish.rigs.empty()) wish.rigs = {"default", "five_megapixel"};
+  return scenario_set(wish);
 }
 
 int evaluate_campaign(const EvaluateOptions& options) {
   if (options.output.empty()) throw Failure(ExitCode::usage, "--output DIR is missing: where the results go");
-  if (!options.join.empty()) {
-    const std::vector<std::filesystem::path> folders(options.join.begin(), options.join.end());
-    const std::vector<RunRecord> records = join_campaigns(folders, options.output);
-    finish(options, settings_of_joined(contents(std::filesystem::path(options.output) / "campaign.yaml")), records);
-    return static_cast<int>(ExitCode::done);
-  }
-  const RunSettings settings = settings_of(options);
-  std::vector<RunRecord> records;
+  if (!options.join.empty()) return join(options);
+  const std::vector<SetMember> members = members_of(options);
+  const CampaignShare share = share_of(options);
+  const bool alone = members.size() == 1 && members.front().name.empty();
+  std::vector<SetResult> results;
   {
     Progress progress(options.json);
-    records = run_campaign(settings, share_of(options), options.output,
-                           [&](int done, int wanted) { progress(done, wanted); });
+    const double cpu_before = cpu_seconds();
+    results = run_set(members, share, options.output, [&](int done, int wanted) { progress(done, wanted); });
     double simulated = 0.0;
-    for (const RunRecord& record : records) simulated += record.duration_s;
-    if (progress.here() == static_cast<int>(records.size()) && progress.here() > 0)
-      std::fprintf(stderr, "%.0f s simulated in %.1f s\n", simulated, progress.seconds());
+    int runs = 0;
+    for (const SetResult& result : results)
+      for (const RunRecord& record : result.records) {
+        simulated += record.duration_s;
+        ++runs;
+      }
+    const double cpu = cpu_seconds() - cpu_before;
+    if (progress.here() == runs && runs > 0)
+      std::fprintf(stderr, "%.0f s simulated in %.1f s, %.1f s of a core: %.0f times as fast\n", simulated,
+                   progress.seconds(), cpu, simulated / cpu);
   }
-  finish(options, settings, records);
+  if (!alone) {
+    write_set(options, results);
+    return static_cast<int>(ExitCode::done);
+  }
+  const SetResult& only = results.front();
+  const nlohmann::ordered_json json = write_results(options.output, only.campaign, only.records, only.evaluation);
+  std::cout << (options.json ? json.dump(2) + "\n" : summary(only.evaluation));
   return static_cast<int>(ExitCode::done);
 }
 
@@ -190,18 +227,27 @@ void add_evaluate(CLI::App& program, Action& action) {
       "evaluate", "Docks many simulated robots, each in a world of its own, and says what that comes to.");
   verb->add_option("--runs", options->runs, "dockings")->check(CLI::Range(1, 10000000))->capture_default_str();
   verb->add_option("--seed", options->seed, "of the first; each has the next")->capture_default_str();
-  verb->add_option("--strategy", options->strategy,
-                   "servo: ours; paper: Richter et al., one flat tag, 3.45 m and 26 degrees, then odometry alone")
-      ->check(CLI::IsMember({"servo", "paper"}))
+  CampaignWish& wish = options->wish;
+  verb->add_option("--strategy", wish.strategy,
+                   "servo: ours; paper: Richter et al., one flat tag, 3.45 m and 26 degrees, then odometry alone; both")
+      ->check(CLI::IsMember({"servo", "paper", "both"}))
       ->capture_default_str();
-  verb->add_option("--scenario", options->scenario, "the world (YAML, see data/scenarios)");
-  verb->add_option("--config", options->config, "what the robot knows (YAML, see `dock --write-config`)");
-  verb->add_option("--rig", options->rig, "rig file; overrides the configuration's");
-  verb->add_option("--board", options->board, "board file; overrides the configuration's");
-  verb->add_option("--method", options->method, "with images: how corners are made")
+  verb->add_option("--scenario", options->scenarios,
+                   "the world: files (YAML, see data/scenarios), folders of them, or all: those that are shipped");
+  verb->add_option("--start", wish.start, "where it begins: as the scenario says, or as the paper did")
+      ->check(CLI::IsMember({"scenario", "paper"}))
+      ->capture_default_str();
+  verb->add_option("--config", wish.config, "what the robot knows (YAML, see `dock --write-config`)");
+  verb->add_option("--rig", options->rigs, "default, five_megapixel or files; overrides the configuration's");
+  verb->add_option("--board", wish.board,
+                   "one_tag, pair, v_concave, v_convex, v_convex_centre or a file; overrides the configuration's");
+  verb->add_option("--method", wish.method, "how corners are made, and whose errors are drawn without images")
       ->check(CLI::IsMember({"apriltag", "tanh", "filter", "erf", "best"}));
-  verb->add_option("--law", options->law, "of the last phase: line, or ViSP's centering")
+  verb->add_option("--corners", wish.corners,
+                   "without images: errors of a corner method, paper, poor, or a file of `evaluate corner-errors`");
+  verb->add_option("--law", wish.law, "of the last phase: line, or ViSP's centering")
       ->check(CLI::IsMember({"line", "centering"}));
+  verb->add_flag("--ablation", options->ablation, "path x law x board x corners, on the same seeds");
   verb->add_option("--teach", options->teach,
                    "on: the robot was put at the dock once and keeps what it saw there; off: it believes the nominal "
                    "docking pose, and what calibration and survey leave stays in the error")
@@ -211,19 +257,33 @@ void add_evaluate(CLI::App& program, Action& action) {
                    "on: rendered and seen by the detector; off: true corners with drawn errors, a hundred times faster")
       ->check(CLI::IsMember({"on", "off"}))
       ->capture_default_str();
+  verb->add_option("--image-runs", options->image_runs,
+                   "in a set: dockings in scenarios with dirt or other light, which always have images")
+      ->check(CLI::Range(1, 10000000))
+      ->capture_default_str();
   verb->add_option("--jobs", options->jobs, "runs at a time; 0: one a core")->check(CLI::Range(0, 1024));
   verb->add_option("--shard", options->shard, "i/n: only every n-th run, from i (0 to n - 1)");
   verb->add_option("--join", options->join, "folders of shards: joined into --output");
   verb->add_option("--output", options->output, "folder for runs.csv, summary.json, report.html, campaign.yaml");
   verb->add_flag("--json", options->json, "the summary as JSON on stdout");
   verb->footer(
-      "A campaign that was stopped goes on when the same command is given again.\n"
+      "A campaign that was stopped goes on when the same command is given again. Several strategies, scenarios or "
+      "rigs\n"
+      "make a set: a folder for each, and a report over all. In a set the paper's strategy starts where the paper did\n"
+      "and has its rig; the servo's is reported for both rigs. --shard and --join work for sets, too.\n"
       "runs.csv: one line a run; errors of the camera point and heading against the docking pose, station frame, m\n"
       "and rad; stop_latency_ms from the last command to move until the wheels stand; sigma_* of the robot's own fix.\n"
       "Examples:\n  tagdock evaluate --runs 1000 --output servo\n"
       "  tagdock evaluate --runs 1000 --strategy paper --output paper\n"
+      "  tagdock evaluate --runs 1000 --strategy both --scenario all --output everything\n"
+      "  tagdock evaluate --runs 200 --ablation --output ablation\n"
       "  tagdock evaluate --runs 20 --images on --output seen");
-  verb->callback([options, &action] { action = [options] { return evaluate_campaign(*options); }; });
+  add_step_response(*verb, action);
+  add_measurements(*verb, action);
+  verb->callback([options, verb, &action] {
+    if (!verb->get_subcommands().empty()) return;  // it has an action of its own
+    action = [options] { return evaluate_campaign(*options); };
+  });
 }
 
 }  // namespace tagdock

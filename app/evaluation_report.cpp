@@ -2,12 +2,14 @@
 
 #include <algorithm>
 #include <array>
+#include <cctype>
 #include <cmath>
 #include <cstdio>
+#include <limits>
 #include <map>
 
 #include "app/docking_report.h"
-#include "app/svg.h"
+#include "app/html.h"
 
 namespace tagdock {
 namespace {
@@ -40,17 +42,19 @@ bool inside(const Pose2& error, double place, double yaw_deg) {
 
 bool claims_success(const RunRecord& record) { return record.result == "docked" || record.result == "arrived"; }
 
-std::string html_text(const std::string& text) {
-  std::string result;
-  for (const char letter : text) {
-    if (letter == '<')
-      result += "&lt;";
-    else if (letter == '&')
-      result += "&amp;";
-    else
-      result += letter;
+// "silent for 201 ms" and "silent for 205 ms" are one reason.
+std::string without_figures(const std::string& reason) {
+  std::string words;
+  for (std::size_t i = 0; i < reason.size(); ++i) {
+    const bool digit = std::isdigit(static_cast<unsigned char>(reason[i])) != 0;
+    const bool point = reason[i] == '.' && !words.empty() && words.back() == '#' && i + 1 < reason.size() &&
+                       std::isdigit(static_cast<unsigned char>(reason[i + 1])) != 0;
+    if (!digit && !point)
+      words += reason[i];
+    else if (words.empty() || words.back() != '#')
+      words += '#';
   }
-  return result;
+  return words;
 }
 
 std::string percent(const Share& share) {
@@ -65,47 +69,6 @@ nlohmann::ordered_json json_of(const Share& share) {
 }
 
 nlohmann::ordered_json json_of(const Pose2& pose) { return {{"x", pose.x}, {"y", pose.y}, {"yaw", pose.yaw}}; }
-
-// Bars of one error; values in its unit.
-std::string histogram(const std::vector<double>& values, const std::string& title, const std::string& unit) {
-  constexpr int bins = 31;
-  constexpr double width = 420.0;
-  constexpr double height = 230.0;
-  constexpr double left = 46.0;
-  constexpr double bottom = 190.0;
-  constexpr double top = 30.0;
-  std::vector<double> sizes;
-  for (const double value : values) sizes.push_back(std::abs(value));
-  const double reach = std::max(1e-9, 1.05 * quantile(sizes, 0.995));
-  std::array<int, bins> counts{};
-  int outside = 0;
-  for (const double value : values) {
-    const int bin = static_cast<int>(std::floor((value + reach) / (2.0 * reach) * bins));
-    if (bin >= 0 && bin < bins)
-      ++counts[static_cast<std::size_t>(bin)];
-    else
-      ++outside;
-  }
-  const int most = std::max(1, *std::max_element(counts.begin(), counts.end()));
-  Svg svg(width, height);
-  svg.text({left, 18.0}, title, 14.0);
-  const double step = (width - left - 14.0) / bins;
-  for (int i = 0; i < bins; ++i) {
-    const double tall = (bottom - top) * counts[static_cast<std::size_t>(i)] / most;
-    svg.rectangle({left + i * step, bottom - tall}, step - 1.0, tall, "fill:#2b6cb0");
-  }
-  svg.line({left, bottom}, {width - 14.0, bottom}, "stroke:#333;stroke-width:1");
-  for (const double tick : axis_ticks(-reach, reach, 6)) {
-    const double x = left + (tick + reach) / (2.0 * reach) * bins * step;
-    svg.line({x, bottom}, {x, bottom + 4.0}, "stroke:#333;stroke-width:1");
-    svg.text({x, bottom + 18.0}, plain(tick, 3), 11.0, "middle");
-  }
-  svg.text({0.5 * (left + width), height - 4.0}, unit, 11.0, "middle");
-  svg.text({left - 6.0, top + 8.0}, std::to_string(most), 11.0, "end");
-  svg.text({left - 6.0, bottom}, "0", 11.0, "end");
-  if (outside > 0) svg.text({width - 14.0, 18.0}, std::to_string(outside) + " beyond", 11.0, "end");
-  return svg.text();
-}
 
 }  // namespace
 
@@ -123,7 +86,19 @@ double shown_reliability(int failures, int runs, double confidence) {
   return 1.0 - chance_where(failures, runs, 1.0 - confidence);
 }
 
+std::string fault_words(const Evaluation& evaluation) {
+  const auto longest = [](double ms) {
+    char text[48];
+    std::snprintf(text, sizeof text, "%.0f ms", ms);
+    return std::isfinite(ms) ? std::string(text) : std::string("never");
+  };
+  return "in " + std::to_string(evaluation.faults) +
+         " runs; from the last good input (a frame's mid-exposure) at most " + longest(evaluation.fault_to_zero_ms) +
+         " to a zero command, " + longest(evaluation.fault_to_stand_ms) + " until the wheels stood";
+}
+
 Evaluation evaluate(const std::vector<RunRecord>& records) {
+  constexpr double never = std::numeric_limits<double>::infinity();
   Evaluation result;
   result.runs = static_cast<int>(records.size());
   if (records.empty()) return result;
@@ -152,7 +127,12 @@ Evaluation evaluate(const std::vector<RunRecord>& records) {
       result.outside_without_word += close ? 0 : 1;
     } else {
       ++result.failed;
-      ++reasons[record.reason];
+      ++reasons[without_figures(record.reason)];
+    }
+    if (!record.fault.empty()) {
+      ++result.faults;
+      result.fault_to_zero_ms = std::max(result.fault_to_zero_ms, record.fault_to_zero_ms.value_or(never));
+      result.fault_to_stand_ms = std::max(result.fault_to_stand_ms, record.fault_to_stand_ms.value_or(never));
     }
     if (record.sigma && record.estimated) {
       ++result.with_sigma;
@@ -193,6 +173,10 @@ nlohmann::ordered_json to_json(const Evaluation& evaluation, const RunSettings& 
   json["schema"] = "tagdock-evaluation/1";
   json["strategy"] = settings.strategy == Strategy::servo ? "servo" : "paper";
   json["scenario"] = settings.scenario.name;
+  json["start"] = settings.start_name;
+  json["rig"] = settings.rig_name;
+  json["board"] = settings.board_name;
+  json["corners"] = settings.corners_name;
   json["images"] = settings.images ? "on" : "off";
   json["runs"] = evaluation.runs;
   json["mean"] = json_of(evaluation.mean);
@@ -210,6 +194,10 @@ nlohmann::ordered_json to_json(const Evaluation& evaluation, const RunSettings& 
   json["mean_attempts"] = evaluation.mean_attempts;
   json["normalised_error_squared"] =
       evaluation.with_sigma > 0 ? json_of(evaluation.normalised) : nlohmann::ordered_json(nullptr);
+  if (evaluation.faults > 0)
+    json["faults"] = {{"runs", evaluation.faults},
+                      {"longest_to_zero_ms", evaluation.fault_to_zero_ms},
+                      {"longest_to_stand_ms", evaluation.fault_to_stand_ms}};
   json["reasons"] = nlohmann::ordered_json::object();
   for (const auto& [reason, count] : evaluation.reasons) json["reasons"][reason] = count;
   return json;
@@ -238,49 +226,42 @@ std::string summary(const Evaluation& evaluation) {
                   evaluation.normalised.x, evaluation.normalised.y, evaluation.normalised.yaw);
     result += text;
   }
+  if (evaluation.faults > 0) result += "something broke " + fault_words(evaluation) + "\n";
   for (const auto& [reason, count] : evaluation.reasons) result += "  " + std::to_string(count) + "x " + reason + "\n";
   return result;
 }
 
-std::string to_html(const Evaluation& evaluation, const std::vector<RunRecord>& records, const std::string& title,
-                    const std::string& campaign) {
-  std::array<std::vector<double>, 3> errors;
-  for (const RunRecord& record : records) {
-    errors[0].push_back(1e3 * record.true_error.x);
-    errors[1].push_back(1e3 * record.true_error.y);
-    errors[2].push_back(degrees(record.true_error.yaw));
-  }
+std::string html_against_others(const std::string& rows) {
+  return "<table><tr><th></th><th>mean offset</th><th>mean heading</th><th>sigma x</th><th>sigma y</th><th>sigma "
+         "heading</th><th>95 % of |x|, |y|, |heading|</th></tr>\n" +
+         rows +
+         "<tr><td>Richter et al., measured on a 710 kg robot</td><td>45 mm</td><td>0.4 deg</td><td>9.6 mm</td><td>25.7 "
+         "mm</td><td>1.11 deg</td><td></td></tr>\n"
+         "<tr><td>MiR250 with VL marker, its maker's specification</td><td></td><td></td><td></td><td></td><td></td>"
+         "<td>3 mm, 3 mm, 0.5 deg; at most 14 s</td></tr></table>\n";
+}
+
+std::string html_row(const Evaluation& evaluation, const std::string& name) {
   char row[512];
-  std::string html =
-      "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><title>" + html_text(title) +
-      "</title><style>body{font:15px/1.5 sans-serif;max-width:1320px;margin:2em auto;padding:0 1em;color:#222}"
-      "table{border-collapse:collapse;margin:1em 0}td,th{border:1px solid #bbb;padding:4px 10px;text-align:left}"
-      "th{background:#eef2f7}.plots svg{max-width:420px}pre{background:#f5f5f5;padding:1em;overflow:auto}"
-      "</style></head><body>\n<h1>" +
-      html_text(title) + "</h1>\n";
   std::snprintf(row, sizeof row,
-                "<p>%d runs. Errors are of the camera point and heading against the taught docking pose, as the "
-                "simulator knows them; x is towards the wall (minus the paper's z).</p>\n",
-                evaluation.runs);
-  html += row;
-  html += "<div class=\"plots\">" + histogram(errors[0], "error in x", "mm") +
-          histogram(errors[1], "error in y", "mm") + histogram(errors[2], "error of the heading", "degrees") +
-          "</div>\n";
-  html +=
-      "<table><tr><th></th><th>mean offset</th><th>mean heading</th><th>sigma x</th><th>sigma y</th><th>sigma "
-      "heading</th><th>95 % of |x|, |y|, |heading|</th></tr>\n";
-  std::snprintf(row, sizeof row,
-                "<tr><td>this campaign</td><td>%.1f mm</td><td>%+.2f deg</td><td>%.2f mm</td><td>%.2f mm</td><td>%.2f "
+                "<td>%.1f mm</td><td>%+.2f deg</td><td>%.2f mm</td><td>%.2f mm</td><td>%.3f "
                 "deg</td><td>%.2f mm, %.2f mm, %.2f deg</td></tr>\n",
                 1e3 * std::hypot(evaluation.mean.x, evaluation.mean.y), degrees(evaluation.mean.yaw),
                 1e3 * evaluation.sigma.x, 1e3 * evaluation.sigma.y, degrees(evaluation.sigma.yaw),
                 1e3 * evaluation.p95.x, 1e3 * evaluation.p95.y, degrees(evaluation.p95.yaw));
+  return "<tr><td>" + html_text(name) + "</td>" + row;
+}
+
+std::string to_html(const Evaluation& evaluation, const FigureData& data, const std::string& title,
+                    const std::string& campaign) {
+  char row[512];
+  std::string html = html_head(title);
+  std::snprintf(row, sizeof row,
+                "<p>%d runs. Errors are of the camera point and heading against the docking pose, as the "
+                "simulator knows them; x is towards the wall (minus the paper's z).</p>\n",
+                evaluation.runs);
   html += row;
-  html +=
-      "<tr><td>Richter et al., measured on a 710 kg robot</td><td>45 mm</td><td>0.4 deg</td><td>9.6 mm</td><td>25.7 "
-      "mm</td><td>1.11 deg</td><td></td></tr>\n"
-      "<tr><td>MiR250 with VL marker, its maker's specification</td><td></td><td></td><td></td><td></td><td></td>"
-      "<td>3 mm, 3 mm, 0.5 deg; at most 14 s</td></tr></table>\n<table>";
+  html += html_against_others(html_row(evaluation, "this campaign")) + "<table>";
   const auto add = [&](const std::string& what, const std::string& value) {
     html += "<tr><th>" + what + "</th><td>" + html_text(value) + "</td></tr>\n";
   };
@@ -293,26 +274,19 @@ std::string to_html(const Evaluation& evaluation, const std::vector<RunRecord>& 
                 shown_reliability(evaluation.runs - evaluation.all_3mm.count, evaluation.runs),
                 evaluation.all_3mm.count, evaluation.runs);
   add("reliability shown, in the terms of ASTM F3499-21", row);
-  std::snprintf(row, sizeof row, "mean %.1f s, p99 %.1f s", evaluation.mean_duration_s, evaluation.p99_duration_s);
+  std::snprintf(row, sizeof row, "mean %.1f s, p99 %.1f s; attempts: mean %.2f", evaluation.mean_duration_s,
+                evaluation.p99_duration_s, evaluation.mean_attempts);
   add("time", row);
   if (evaluation.with_sigma > 0) {
-    std::snprintf(row, sizeof row, "x %.2f, y %.2f, heading %.2f (1 is honest; %d runs with a fix)",
+    std::snprintf(row, sizeof row, "x %.2f, y %.2f, heading %.2f (1 is honest, less is cautious; %d runs with a fix)",
                   evaluation.normalised.x, evaluation.normalised.y, evaluation.normalised.yaw, evaluation.with_sigma);
-    add("normalised error squared of the final fix", row);
+    add("normalised error squared (NEES) of the robot's own fix", row);
   }
+  if (evaluation.faults > 0) add("something broke on the way", fault_words(evaluation));
   for (const auto& [reason, count] : evaluation.reasons) add("failed: " + html_text(reason), std::to_string(count));
-  html +=
-      "</table>\n<h2>What these figures do not say</h2><ul>\n"
-      "<li>They are of a simulator; no robot of 710 kg was driven. Its drive and floor are fitted to five numbers of "
-      "the paper, whose camera, lens, tag size and number of runs are not known.</li>\n"
-      "<li>The paper starts 26 degrees beside the axis, the servo's campaigns near it. In the reference simulation "
-      "about 3.5 times of the gain in sigma y come from that straighter path, and about 7 times from closing the loop "
-      "on what the camera sees.</li>\n"
-      "<li>Without images, corners have drawn errors: no dirt, no light, no false tag, no mirrored pose.</li>\n"
-      "<li>Castor scrub beyond 1.5 times the calibrated one is the known weak point.</li></ul>\n"
-      "<h2>Campaign</h2><pre>" +
-      html_text(campaign) + "</pre></body></html>\n";
-  return html;
+  html += "</table>\n" + figure_10(data) + figure_10_start(data);
+  if (!data.traces.empty()) html += figure_9({data}) + figure_8({data});
+  return html + html_limits() + "<h2>Campaign</h2><pre>" + html_text(campaign) + "</pre></body></html>\n";
 }
 
 }  // namespace tagdock

@@ -6,6 +6,7 @@
 #include <nlohmann/json.hpp>
 
 #include "app/campaign_run.h"
+#include "app/evaluation_figures.h"
 
 namespace tagdock {
 
@@ -42,7 +43,11 @@ struct Evaluation {
   double mean_attempts = 0.0;
   Pose2 normalised;  ///< mean square of (estimated - true) / sigma of the runs that gave sigmas; 1 is honest
   int with_sigma = 0;
-  std::vector<std::pair<std::string, int>> reasons;  ///< of those that failed, the most frequent first
+  int faults = 0;                  ///< runs in which something broke on the way
+  double fault_to_zero_ms = 0.0;   ///< longest of those; infinite: never
+  double fault_to_stand_ms = 0.0;  ///< longest of those
+  /// Of those that failed, the most frequent first; figures are left out (#), so that equal reasons count together.
+  std::vector<std::pair<std::string, int>> reasons;
 };
 
 Evaluation evaluate(const std::vector<RunRecord>& records);
@@ -51,8 +56,15 @@ Evaluation evaluate(const std::vector<RunRecord>& records);
 nlohmann::ordered_json to_json(const Evaluation& evaluation, const RunSettings& settings);
 /// A few lines for people.
 std::string summary(const Evaluation& evaluation);
-/// report.html: histograms as in the paper's Fig. 10, tables against the paper and MiR, limits. One file, no scripts.
-std::string to_html(const Evaluation& evaluation, const std::vector<RunRecord>& records, const std::string& title,
+/// How fast the robot stopped where something broke.
+std::string fault_words(const Evaluation& evaluation);
+
+/// A table of campaigns beside the paper and MiR; its rows come from `html_row`.
+std::string html_against_others(const std::string& rows);
+std::string html_row(const Evaluation& evaluation, const std::string& name);
+
+/// report.html: figures as the paper's 8, 9 and 10, tables against the paper and MiR, limits. One file, no scripts.
+std::string to_html(const Evaluation& evaluation, const FigureData& data, const std::string& title,
                     const std::string& campaign);
 
 }  // namespace tagdock

@@ -73,7 +73,12 @@ ReplayResult replay(const Session& session, const Config& config, const ReplayWa
     if (outputs.phase_line) result.phase_lines.push_back(*outputs.phase_line);
     if (watcher && !watcher(inputs, outputs)) break;
   }
-  result.last_phase = std::string(name(loop.docker().phase()));
+  const Phase& last = loop.docker().phase();
+  result.last_phase = std::string(name(last));
+  result.attempts = job_of(last).attempts;
+  if (const std::optional<Reason> reason = reason_of(last)) result.reason = reason->sentence;
+  if (const Docked* docked = std::get_if<Docked>(&last)) result.fix = docked->fix;
+  if (const Failed* failed = std::get_if<Failed>(&last)) result.fix = failed->fix;
   compare("sightings.csv", session.sightings, result.sighting_lines, result);
   compare("commands.csv", session.commands, result.command_lines, result);
   compare("phases.csv", session.phases, result.phase_lines, result);

@@ -2,6 +2,7 @@
 
 #include <cstdint>
 #include <functional>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -27,6 +28,9 @@ struct ReplayResult {
   std::uint64_t frames = 0;
   std::uint64_t sightings = 0;
   std::string last_phase;
+  int attempts = 1;
+  std::string reason;      ///< of a docking that failed or was stopped
+  std::optional<Fix> fix;  ///< the robot's own, where there was one
   std::vector<std::string> sighting_lines;
   std::vector<std::string> command_lines;
   std::vector<std::string> phase_lines;

@@ -30,6 +30,7 @@ struct Term {
   TagPoints points;  ///< in the frame that is sought
   Corners corners_px;
   Matrix8 whitening;  ///< W with W cov W^T = 1
+  bool independent;   ///< W is diagonal
   double side_px;
 };
 
@@ -54,9 +55,15 @@ bool seen_from_the_front(const Corners& corners) {
 
 std::optional<Term> term(const RefinedTag& tag, const TagPoints& points) {
   if (!seen_from_the_front(tag.corners_px) || !tag.covariance_px2.allFinite()) return std::nullopt;
-  const Eigen::LLT<Matrix8> factor(tag.covariance_px2);
-  if (factor.info() != Eigen::Success) return std::nullopt;
-  Term made{points, tag.corners_px, factor.matrixL().solve(Matrix8::Identity()), 0.0};
+  Term made{points, tag.corners_px, Matrix8::Zero(), tag.covariance_px2.isDiagonal(0.0), 0.0};
+  if (made.independent) {
+    if (!(tag.covariance_px2.diagonal().minCoeff() > 0.0)) return std::nullopt;
+    made.whitening.diagonal() = tag.covariance_px2.diagonal().cwiseSqrt().cwiseInverse();
+  } else {
+    const Eigen::LLT<Matrix8> factor(tag.covariance_px2);
+    if (factor.info() != Eigen::Success) return std::nullopt;
+    made.whitening = factor.matrixL().solve(Matrix8::Identity());
+  }
   if (!made.whitening.allFinite()) return std::nullopt;
   for (int i = 0; i < 4; ++i) made.side_px += 0.25 * (tag.corners_px[(i + 1) % 4] - tag.corners_px[i]).norm();
   return made;
@@ -118,9 +125,17 @@ std::optional<Equations> equations_at(const Eigen::Isometry3d& T_camera_frame, s
       jacobian.block<2, 3>(2 * i, 3) = -seen.by_point * skew(point_camera);
     }
     equations.squared_px += residual.squaredNorm();
-    const Vector8 white = one.whitening * residual;
-    const Eigen::Matrix<double, 8, 6> white_jacobian = one.whitening * jacobian;
-    equations.information += white_jacobian.transpose() * white_jacobian;
+    // lazyProduct: Eigen takes these for large matrices, and packs and blocks them.
+    Vector8 white;
+    Eigen::Matrix<double, 8, 6> white_jacobian;
+    if (one.independent) {
+      white = one.whitening.diagonal().cwiseProduct(residual);
+      white_jacobian = one.whitening.diagonal().asDiagonal() * jacobian;
+    } else {
+      white = one.whitening.lazyProduct(residual);
+      white_jacobian = one.whitening.lazyProduct(jacobian);
+    }
+    equations.information += white_jacobian.transpose().lazyProduct(white_jacobian);
     equations.gradient += white_jacobian.transpose() * white;
     equations.chi2 += white.squaredNorm();
   }
@@ -141,14 +156,18 @@ Eigen::Isometry3d moved(const Vector6& motion, const Eigen::Isometry3d& T_camera
   return moved;
 }
 
+constexpr double first_damping = 1e-4;
+
 /// Levenberg-Marquardt from one start; none if it does not end at a minimum in front of the camera.
+/// @param damping  of the first step; small where the start is known to be near
+/// @param enough   a step smaller than this is the last [m, rad]; 0: the cost must have settled, too
 std::optional<Fit> fit_pose(const Eigen::Isometry3d& start, std::span<const Term> terms, const CameraModel& camera,
-                            const std::optional<GroundPrior>& prior) {
+                            const std::optional<GroundPrior>& prior, double damping = first_damping,
+                            double enough = 0.0) {
   constexpr int most_steps = 60;
   Eigen::Isometry3d T = start;
   std::optional<Equations> here = equations_at(T, terms, camera, prior);
   if (!here) return std::nullopt;
-  double damping = 1e-4;
   for (int step = 0; step < most_steps; ++step) {
     Matrix6 damped = here->information;
     damped.diagonal() *= 1.0 + damping;
@@ -161,8 +180,11 @@ std::optional<Fit> fit_pose(const Eigen::Isometry3d& start, std::span<const Term
       T = T_next;
       here = next;
       damping = std::max(1e-9, 0.2 * damping);
-      if (settled) break;
+      if (settled || motion.norm() < enough) break;
     } else {
+      // Near the minimum rounding decides whether the cost falls. A step of this size, rejected, changes nothing more.
+      constexpr double nothing = 1e-10;  // m and rad
+      if (next && motion.norm() < nothing) break;
       damping *= 8.0;
       if (damping > 1e9) break;  // no step goes down any more: this is the minimum to the last bit
     }
@@ -361,8 +383,12 @@ Sighting board_pose(std::span<const RefinedTag> tags, const Board& board, const 
   if (guess && guess->matrix().allFinite()) starts_station.push_back(*guess);
 
   std::vector<Fit> fits;
+  // From near, plain Gauss-Newton; after a step of 1e-7 less than 1e-9 is left, a ten-thousandth of the best sigma.
+  const bool near = from == PoseStarts::only_guess;
+  const double damping = near ? 1e-9 : first_damping;
+  const double enough = near ? 1e-7 : 0.0;
   for (const Eigen::Isometry3d& start : starts_station) {
-    const std::optional<Fit> fit = fit_pose(start, terms, camera, prior);
+    const std::optional<Fit> fit = fit_pose(start, terms, camera, prior, damping, enough);
     const bool all_face = fit && std::all_of(sighting.tags.begin(), sighting.tags.end(), [&](const RefinedTag& tag) {
                             return faces_camera(fit->T_camera_frame * find_tag(board, tag.id)->T_station_tag);
                           });

@@ -30,6 +30,8 @@ class Draws {
   Draws(std::uint64_t seed, std::uint64_t purpose) : key_(mixed(mixed(seed) + purpose)) {}
 
   double normal() { return normal_number(key_ + count_++); }
+  /// Leaves out numbers: the next one is what `count` calls would have come to.
+  void skip(std::uint64_t count) { count_ += count; }
   /// Between -1 and 1.
   double even() { return 2.0 * even_number(key_ + count_++) - 1.0; }
 

@@ -440,6 +440,12 @@ float texel(const std::vector<float>& texture, float x, float y, float texels_pe
   return texture[row * texture_size + column];
 }
 
+/// Rows of an image, the end excluded.
+struct RowBand {
+  int first = 0;
+  int end = 0;
+};
+
 float illumination(const Lamp& lamp, const Eigen::Vector3f& place, const Eigen::Vector3f& normal) {
   const Eigen::Vector3f way = lamp.position_station.cast<float>() - place;
   const float squared = way.squaredNorm();
@@ -887,28 +893,55 @@ struct Renderer::Prepared {
     return share < 1.0F ? light + (1.0F - share) * shell_light(lens, ray, node_angle) : light;
   }
 
-  [[nodiscard]] std::vector<float> background(const Eigen::Isometry3d& T_station_camera) const {
+  /// @param band  rows of the image; nodes elsewhere stay zero
+  [[nodiscard]] std::vector<float> background(const Eigen::Isometry3d& T_station_camera, const RowBand& band) const {
     const Eigen::Matrix3f rotation = T_station_camera.linear().cast<float>();
     const Eigen::Vector3f lens = T_station_camera.translation().cast<float>();
     const float node_angle = 1.2F * background_step / static_cast<float>(camera.fx);
     std::vector<float> nodes(rays_camera.size());
-    for (std::size_t i = 0; i < nodes.size(); ++i) nodes[i] = room_light(lens, rotation * rays_camera[i], node_angle);
+    const std::size_t first = static_cast<std::size_t>(band.first / background_step) * node_columns;
+    const std::size_t end =
+        std::min(nodes.size(), (static_cast<std::size_t>((band.end - 1) / background_step) + 2) * node_columns);
+    for (std::size_t i = first; i < end; ++i) nodes[i] = room_light(lens, rotation * rays_camera[i], node_angle);
     return nodes;
   }
 
   // -- the image
 
-  /// Calls `take(y, levels)` with every row of linear grey levels before noise.
+  [[nodiscard]] RowBand all_rows() const { return {0, camera.height}; }
+
+  /// The rows in which tags are, with a tag's height above and below them.
+  [[nodiscard]] RowBand rows_with_tags(const std::vector<TrueTag>& tags) const {
+    double top = camera.height;
+    double bottom = 0.0;
+    double tall = 0.0;
+    for (const TrueTag& tag : tags) {
+      double least = tag.corners_px[0].y();
+      double most = least;
+      for (const Eigen::Vector2d& corner : tag.corners_px) {
+        least = std::min(least, corner.y());
+        most = std::max(most, corner.y());
+      }
+      top = std::min(top, least);
+      bottom = std::max(bottom, most);
+      tall = std::max(tall, most - least);
+    }
+    if (!(top < bottom)) return all_rows();
+    const auto row = [&](double y) { return static_cast<int>(std::clamp(y, 0.0, static_cast<double>(camera.height))); };
+    return {row(top - tall), row(bottom + tall)};
+  }
+
+  /// Calls `take(y, levels)` with every row of a band of linear grey levels before noise.
   template <class Take>
-  void rows_of(const Exposure& exposure, Take take) const {
+  void rows_of(const Exposure& exposure, const RowBand& band, Take take) const {
     const std::vector<Eigen::Isometry3d> samples = motion_samples(exposure);
     const std::vector<Picture> plates_seen = pictures(samples);
-    const std::vector<float> nodes = background(pose_at(exposure, 0.5));
+    const std::vector<float> nodes = background(pose_at(exposure, 0.5), band);
     const float gain = static_cast<float>(sensor.levels_per_ms * exposure.light *
                                           std::chrono::duration<double, std::milli>(exposure.duration).count());
     const float black = static_cast<float>(sensor.black_level);
     std::vector<float> mixed_nodes(node_columns), behind(camera.width), levels(camera.width);
-    for (int y = 0; y < camera.height; ++y) {
+    for (int y = band.first; y < band.end; ++y) {
       const float* above = &nodes[static_cast<std::size_t>(y / background_step) * node_columns];
       const float down = static_cast<float>(y % background_step) / background_step;
       for (int i = 0; i < node_columns; ++i) mixed_nodes[i] = above[i] + down * (above[i + node_columns] - above[i]);
@@ -983,19 +1016,21 @@ Renderer::~Renderer() = default;
 Renderer::Renderer(Renderer&&) noexcept = default;
 Renderer& Renderer::operator=(Renderer&&) noexcept = default;
 
-Rendering Renderer::render(const Exposure& exposure, std::uint64_t noise_seed) const {
+Rendering Renderer::render(const Exposure& exposure, std::uint64_t noise_seed, RenderedRows rows) const {
   Rendering rendering;
-  rendering.gray = cv::Mat1b(prepared_->camera.height, prepared_->camera.width);
-  prepared_->rows_of(exposure, [&](int y, std::vector<float>& levels) {
+  rendering.tags = prepared_->true_tags(exposure);
+  const RowBand band =
+      rows == RenderedRows::with_tags ? prepared_->rows_with_tags(rendering.tags) : prepared_->all_rows();
+  rendering.gray = cv::Mat1b::zeros(prepared_->camera.height, prepared_->camera.width);
+  prepared_->rows_of(exposure, band, [&](int y, std::vector<float>& levels) {
     prepared_->add_noise_and_round(noise_seed, y, levels, rendering.gray.ptr<std::uint8_t>(y));
   });
-  rendering.tags = prepared_->true_tags(exposure);
   return rendering;
 }
 
 cv::Mat1f Renderer::render_exact(const Exposure& exposure) const {
   cv::Mat1f image(prepared_->camera.height, prepared_->camera.width);
-  prepared_->rows_of(exposure, [&](int y, const std::vector<float>& levels) {
+  prepared_->rows_of(exposure, prepared_->all_rows(), [&](int y, const std::vector<float>& levels) {
     std::copy(levels.begin(), levels.end(), image.ptr<float>(y));
   });
   return image;

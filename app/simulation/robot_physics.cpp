@@ -13,16 +13,6 @@ constexpr double gravity = 9.81;           // m/s^2
 constexpr double field_step = 0.01;        // m
 constexpr std::size_t field_count = 6000;  // 60 m of travel, then the last value stays
 
-/// Unit variance, correlated over `length`.
-std::vector<double> ornstein_uhlenbeck(Draws& draws, double length) {
-  const double keep = std::exp(-field_step / length);
-  const double fresh = std::sqrt(1.0 - keep * keep);
-  std::vector<double> values{draws.normal()};
-  values.reserve(field_count);
-  while (values.size() < field_count) values.push_back(keep * values.back() + fresh * draws.normal());
-  return values;
-}
-
 }  // namespace
 
 RobotPhysics::RobotPhysics(const StartScenario& start, const DriveScenario& drive, double camera_ahead,
@@ -38,18 +28,40 @@ void RobotPhysics::draw_field(std::uint64_t seed) {
   field_.speed_scale = drive_.speed_scale_sigma * draws.normal();
   field_.wheel_difference = drive_.wheel_difference_sigma * draws.normal();
   field_.floor = std::clamp(draws.normal(), -2.0, 2.0);
-  field_.over_turn = ornstein_uhlenbeck(draws, drive_.field_length);
+  field_.keep = std::exp(-field_step / drive_.field_length);
+  const auto begin_series = [&] {
+    Draws series = draws;
+    const double first = series.normal();
+    field_.over_turn_and_castors.push_back({series, first});
+    draws.skip(field_count);
+  };
+  begin_series();
+  for (double& castor : field_.castor) {
+    castor = draws.normal();
+    begin_series();
+  }
+  find_friction();
+}
+
+void RobotPhysics::travel_to(std::size_t place) {
+  if (place <= field_.place) return;
+  const double fresh = std::sqrt(1.0 - field_.keep * field_.keep);
+  for (; field_.place < place; ++field_.place)
+    for (Series& series : field_.over_turn_and_castors)
+      series.value = field_.keep * series.value + fresh * series.draws.normal();
+  find_friction();
+}
+
+void RobotPhysics::find_friction() {
   const double run = drive_.friction_run_sigma;
   const double own = drive_.friction_castor_sigma;
   const double along = drive_.friction_field_sigma;
   const double mean_shift = 0.5 * (run * run + own * own + along * along);  // so that the mean is `friction`
-  for (std::vector<double>& friction : field_.friction) {
-    const double castor = draws.normal();
-    friction = ornstein_uhlenbeck(draws, drive_.field_length);
-    for (double& value : friction)
-      value = std::min(drive_.friction_cap,
-                       drive_.friction * std::exp(run * field_.floor + own * castor + along * value - mean_shift));
-  }
+  for (std::size_t i = 0; i < 4; ++i)
+    field_.friction[i] =
+        std::min(drive_.friction_cap,
+                 drive_.friction * std::exp(run * field_.floor + own * field_.castor[i] +
+                                            along * field_.over_turn_and_castors[i + 1].value - mean_shift));
 }
 
 void RobotPhysics::draw_start(const StartScenario& start, double camera_ahead, std::uint64_t seed) {
@@ -107,11 +119,11 @@ void RobotPhysics::take_step() {
     return drive_.patch_length > 0.0 &&
            x - drive_.patch_period * std::floor(x / drive_.patch_period) < drive_.patch_length;
   };
-  const std::size_t place = std::min(static_cast<std::size_t>(truth_.travelled / field_step), field_count - 1);
+  travel_to(std::min(static_cast<std::size_t>(truth_.travelled / field_step), field_count - 1));
   const double curvature = std::min(1.5, std::abs(w) / std::max(0.02, std::abs(v)));  // 1/m
   const double over_turn = drive_.over_turn + (on_patch(pose.x) ? drive_.patch_over_turn : 0.0) + field_.turn_scale -
                            drive_.floor_coupling * drive_.friction_run_sigma * field_.floor +
-                           drive_.over_turn_field_sigma * field_.over_turn[place];
+                           drive_.over_turn_field_sigma * field_.over_turn_and_castors.front().value;
   const double both_radii = 0.5 * (drive_.left_radius_error + drive_.right_radius_error);
   const double difference = field_.wheel_difference + drive_.right_radius_error - drive_.left_radius_error;
   const double w1 = w * (1.0 + both_radii + over_turn * std::pow(curvature, drive_.over_turn_exponent)) +
@@ -133,7 +145,7 @@ void RobotPhysics::take_step() {
     const double cosine = std::cos(angle);
     const double swivel = -w1 + (-pivot_x * sine + pivot_y * cosine) / drive_.castor_trail;
     const double spin = (w1 + swivel) / std::max(0.01, std::hypot(pivot_x, pivot_y));
-    double friction = field_.friction[i][place];
+    double friction = field_.friction[i];
     if (on_patch(pose.x + x * std::cos(pose.yaw) - y * std::sin(pose.yaw))) friction *= drive_.patch_friction;
     const double moment =
         drive_.scrub_factor * friction * castor_load * drive_.scrub_radius * std::tanh(spin / drive_.creepage);

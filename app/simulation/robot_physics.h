@@ -6,6 +6,7 @@
 #include <deque>
 #include <vector>
 
+#include "app/simulation/draws.h"
 #include "app/simulation/scenario.h"
 #include "planning/pose2.h"
 #include "servo/robot.h"
@@ -49,14 +50,24 @@ class RobotPhysics {
     std::chrono::nanoseconds time;
     Twist2 wanted;
   };
-  /// Numbers of one run along the travelled way, one every centimetre.
+  /// Unit variance, correlated along the travelled way, one number every centimetre.
+  struct Series {
+    Draws draws;
+    double value = 0.0;  ///< at the place where the robot is
+  };
+  /// Numbers of one run. Those along the way are drawn as it is travelled: a run needs a tenth of them.
   struct Field {
     double turn_scale = 0.0, speed_scale = 0.0, wheel_difference = 0.0, floor = 0.0;
-    std::vector<double> over_turn;
-    std::array<std::vector<double>, 4> friction;
+    double keep = 0.0;      ///< share of a series' value in the next one
+    std::size_t place = 0;  ///< cm
+    std::vector<Series> over_turn_and_castors;
+    std::array<double, 4> castor{};    ///< normal number of each castor
+    std::array<double, 4> friction{};  ///< of each castor, here
   };
 
   void draw_field(std::uint64_t seed);
+  void travel_to(std::size_t place);
+  void find_friction();
   void draw_start(const StartScenario& start, double camera_ahead, std::uint64_t seed);
   [[nodiscard]] Twist2 wanted_at(std::chrono::nanoseconds time);
   void take_step();

@@ -35,6 +35,7 @@ std::vector<Key> keys_of(Scenario& scenario) {
   ChassisScenario& chassis = scenario.chassis;
   ResidualScenario& residuals = scenario.residuals;
   StationScenario& station = scenario.station;
+  FaultScenario& faults = scenario.faults;
   return {
       {"start", "range", &start.range, 0.5, 8.0},
       {"start", "range_sigma", &start.range_sigma, 0.0, 0.5},
@@ -116,6 +117,11 @@ std::vector<Key> keys_of(Scenario& scenario) {
       {"station", "ambient", &station.ambient, 0.0, 100.0},
       {"station", "light_change", &station.light_change, 0.0, 100.0},
       {"station", "light_change_range", &station.light_change_range, 0.0, 10.0},
+
+      {"faults", "frames_stop_range", &faults.frames_stop_range, 0.0, 10.0},
+      {"faults", "odometry_stops_range", &faults.odometry_stops_range, 0.0, 10.0},
+      {"faults", "link_silent_range", &faults.link_silent_range, 0.0, 10.0},
+      {"faults", "range_spread", &faults.range_spread, 0.0, 5.0},
   };
 }
 

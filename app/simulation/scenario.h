@@ -130,6 +130,17 @@ struct StationScenario {
   bool operator==(const StationScenario&) const = default;
 };
 
+/// What breaks on the way in, once the camera is nearer to the board than a range plus spread times an even number of
+/// -1..1; range 0 is never. Nothing comes back.
+struct FaultScenario {
+  double frames_stop_range = 0.0;     ///< m; no frame is exposed any more
+  double odometry_stops_range = 0.0;  ///< m; no reading comes any more, commands still arrive
+  double link_silent_range = 0.0;     ///< m; no reading comes, no command arrives
+  double range_spread = 0.0;          ///< m
+
+  bool operator==(const FaultScenario&) const = default;
+};
+
 /// Everything that the world does to a robot. The robot never reads it.
 struct Scenario {
   std::string name = "default";
@@ -139,6 +150,7 @@ struct Scenario {
   ChassisScenario chassis;
   ResidualScenario residuals;
   StationScenario station;
+  FaultScenario faults;
 
   bool operator==(const Scenario&) const = default;
 };

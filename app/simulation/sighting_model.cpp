@@ -39,20 +39,6 @@ double shortest_side(const Corners& corners) {
 
 }  // namespace
 
-double CornerErrors::at(const std::vector<double>& values, double side) const {
-  if (side <= side_px.front()) return values.front();
-  if (side >= side_px.back()) return values.back();
-  const auto above = static_cast<std::size_t>(std::upper_bound(side_px.begin(), side_px.end(), side) - side_px.begin());
-  const double share = std::log(side / side_px[above - 1]) / std::log(side_px[above] / side_px[above - 1]);
-  return values[above - 1] + share * (values[above] - values[above - 1]);
-}
-
-CornerErrors errors_of_tanh() {
-  return {{30.0, 60.0, 120.0, 240.0}, {0.02, 0.012, 0.008, 0.006}, {0.01, 0.006, 0.004, 0.003}, 0.0, 1.0};
-}
-
-CornerErrors errors_of_paper() { return {{1.0, 1000.0}, {0.10, 0.10}, {0.05, 0.05}, 0.1, 1.0}; }
-
 SightingModel::SightingModel(const Rig& calibrated, const Board& surveyed, const TagLocatorConfig& locator,
                              const CornerErrors& errors, std::uint64_t seed)
     : calibrated_(calibrated),
@@ -60,9 +46,21 @@ SightingModel::SightingModel(const Rig& calibrated, const Board& surveyed, const
       prior_(ground_prior(calibrated, locator)),
       border_px_(locator.detector.border_px),
       errors_(errors),
-      seed_(seed) {}
+      seed_(seed) {
+  for (const BoardTag& tag : surveyed.tags) {
+    Draws draws(mixed(seed) + static_cast<std::uint64_t>(tag.id), corner_bias_purpose);
+    Biases& bias = biases_.emplace_back();
+    bias.tag = tag.id;
+    for (double& normal : bias.normal) normal = draws.normal();
+  }
+}
 
-Sighting SightingModel::look(const World& world, std::uint64_t frame, std::chrono::nanoseconds mid_exposure) const {
+const SightingModel::Biases& SightingModel::bias_of(int tag) const {
+  return *std::find_if(biases_.begin(), biases_.end(), [tag](const Biases& bias) { return bias.tag == tag; });
+}
+
+Sighting SightingModel::look(const World& world, std::uint64_t frame, std::chrono::nanoseconds mid_exposure,
+                             const std::optional<Eigen::Isometry3d>& predicted) const {
   const TimedExposure exposure = world.exposure_at(mid_exposure);
   const auto& poses = exposure.exposure.T_station_camera;
   const Eigen::Isometry3d T_camera_station = poses[poses.size() / 2].inverse();
@@ -74,18 +72,23 @@ Sighting SightingModel::look(const World& world, std::uint64_t frame, std::chron
     std::optional<Corners> corners = corners_seen(tag, T_camera_station, world.rig().camera, border_px_);
     if (!corners) continue;
     const double side = shortest_side(*corners);
+    const double noise_px = errors_.noise_at(side);
+    const double bias_px = errors_.bias_at(side);
     const TagPoints points = corners_station(tag);
     RefinedTag seen;
     seen.id = tag.id;
-    Draws bias(mixed(seed_) + static_cast<std::uint64_t>(tag.id), corner_bias_purpose);
+    const Biases& bias = bias_of(tag.id);
     for (std::size_t i = 0; i < 4; ++i) {
-      const double blur = (project(world.rig().camera, T_camera_station_close * points[i]) -
-                           project(world.rig().camera, T_camera_station_open * points[i]))
-                              .norm();
-      const double sigma = std::hypot(errors_.noise_at(side), errors_.noise_per_blur_px * blur);
+      double sigma = noise_px;
+      if (errors_.noise_per_blur_px > 0.0) {
+        const double blur = (project(world.rig().camera, T_camera_station_close * points[i]) -
+                             project(world.rig().camera, T_camera_station_open * points[i]))
+                                .norm();
+        sigma = std::hypot(noise_px, errors_.noise_per_blur_px * blur);
+      }
       for (Eigen::Index axis = 0; axis < 2; ++axis) {
-        seen.corners_px[i][axis] = (*corners)[i][axis] + sigma * noise.normal() + errors_.bias_at(side) * bias.normal();
         const auto place = static_cast<Eigen::Index>(2 * i) + axis;
+        seen.corners_px[i][axis] = (*corners)[i][axis] + sigma * noise.normal() + bias_px * bias.normal[place];
         seen.covariance_px2(place, place) = std::pow(errors_.claimed_share * sigma, 2);
       }
     }
@@ -93,7 +96,11 @@ Sighting SightingModel::look(const World& world, std::uint64_t frame, std::chron
     tags.push_back(seen);
   }
   if (tags.empty()) return Unseen::no_tag;
-  Sighting sighting = board_pose(tags, surveyed_, calibrated_.camera, prior_, T_camera_station, PoseStarts::only_guess);
+  Sighting sighting = Unseen::no_pose;
+  if (predicted && tags.size() > 1)
+    sighting = board_pose(tags, surveyed_, calibrated_.camera, prior_, predicted, PoseStarts::only_guess);
+  if (std::holds_alternative<Unseen>(sighting))
+    sighting = board_pose(tags, surveyed_, calibrated_.camera, prior_, predicted, PoseStarts::all);
   if (BoardSighting* board = std::get_if<BoardSighting>(&sighting)) {
     board->frame_number = frame;
     board->time = mid_exposure;

@@ -2,35 +2,17 @@
 
 #include <array>
 #include <cstdint>
+#include <optional>
+#include <vector>
 
+#include "app/simulation/corner_errors.h"
 #include "app/simulation/world.h"
 #include "detection/tag_locator.h"
 
 namespace tagdock {
 
-/// How wrong refined corners are: sigma of a coordinate by the length of the tag's shortest side, between the points
-/// by the logarithm. `tagdock evaluate corner-errors` measures these with the renderer and the real detector.
-struct CornerErrors {
-  std::vector<double> side_px;     ///< rising
-  std::vector<double> noise_px;    ///< new in every frame
-  std::vector<double> bias_px;     ///< the same for a whole run: drawn once per corner coordinate
-  double noise_per_blur_px = 0.0;  ///< more noise per px that the corner moves during the exposure
-  double claimed_share = 1.0;      ///< the sigma that is told with a corner, over `noise_px`
-
-  [[nodiscard]] double noise_at(double side) const { return at(noise_px, side); }
-  [[nodiscard]] double bias_at(double side) const { return at(bias_px, side); }
-
- private:
-  [[nodiscard]] double at(const std::vector<double>& values, double side) const;
-};
-
-/// The fit of tanh to each side, as the detector has it (measured: see sighting_model.cpp).
-CornerErrors errors_of_tanh();
-/// The corner noise that explains the paper's pose errors: 0.10 px and 0.05 px lasting (notes on docking, 4.5).
-CornerErrors errors_of_paper();
-
 /// Sightings without images: true corners with drawn errors, and from them the pose by the same least squares as from
-/// images (board_pose). What it cannot show: dirt, light, false tags and the mirrored pose of a flat tag.
+/// images (board_pose). What it cannot show: dirt, light and false tags.
 class SightingModel {
  public:
   /// @param calibrated, surveyed  as the robot has them
@@ -38,15 +20,27 @@ class SightingModel {
                 const CornerErrors& errors, std::uint64_t seed);
 
   /// What a frame says that the world exposes at a time.
-  [[nodiscard]] Sighting look(const World& world, std::uint64_t frame, std::chrono::nanoseconds mid_exposure) const;
+  /// @param predicted  where the robot expects to see the station, as TagLocator takes it. With two tags or more the
+  ///                   pose is sought from there; without, or with one tag alone, from the corners, which takes a
+  ///                   hundred times as long but sees the mirrored pose. Never from the truth.
+  [[nodiscard]] Sighting look(const World& world, std::uint64_t frame, std::chrono::nanoseconds mid_exposure,
+                              const std::optional<Eigen::Isometry3d>& predicted) const;
 
  private:
+  /// Of one tag's corners, in sigmas: the same in every frame of a run.
+  struct Biases {
+    int tag = 0;
+    std::array<double, 8> normal{};
+  };
+  [[nodiscard]] const Biases& bias_of(int tag) const;
+
   Rig calibrated_;
   Board surveyed_;
   GroundPrior prior_;
   double border_px_;
   CornerErrors errors_;
   std::uint64_t seed_;
+  std::vector<Biases> biases_;
 };
 
 }  // namespace tagdock

@@ -130,9 +130,9 @@ Pose2 World::T_station_base_at(nanoseconds time) const {
           between(from.T_station_base.yaw, to.T_station_base.yaw)};
 }
 
-Rendering World::render(nanoseconds mid_exposure) const {
+Rendering World::render(nanoseconds mid_exposure, RenderedRows rows) const {
   const TimedExposure timed = exposure_at(mid_exposure);
-  return renderer().render(timed.exposure, timed.noise_seed);
+  return renderer().render(timed.exposure, timed.noise_seed, rows);
 }
 
 const Renderer& World::renderer() const {

@@ -47,7 +47,7 @@ class World {
 
   /// The image whose exposure has its middle at a session time within the last two seconds; up to 20 ms ahead of the
   /// world it is made with the motion going on as it is.
-  [[nodiscard]] Rendering render(std::chrono::nanoseconds mid_exposure) const;
+  [[nodiscard]] Rendering render(std::chrono::nanoseconds mid_exposure, RenderedRows rows = RenderedRows::all) const;
   /// What `render` hands to the renderer, so that a thread can render without holding up the world.
   [[nodiscard]] TimedExposure exposure_at(std::chrono::nanoseconds mid_exposure) const;
   /// Made at the first call; it is never changed afterwards and may then be used without a lock.

@@ -1,0 +1,57 @@
+#include "app/run_trace.h"
+
+#include <cstdio>
+#include <fstream>
+#include <sstream>
+#include <string>
+
+#include "app/failure.h"
+
+namespace tagdock {
+
+void write_trace(const std::filesystem::path& file, const RunTrace& trace) {
+  std::ofstream stream(file, std::ios::binary);
+  stream << "time_s,x,y,yaw,reprojection_px,seen_x,seen_y,seen_yaw\n";
+  char text[256];
+  for (const TracePoint& point : trace) {
+    const Pose2& pose = point.camera_point;
+    std::snprintf(text, sizeof text, "%.3f,%.6f,%.6f,%.7f,", point.time_s, pose.x, pose.y, pose.yaw);
+    stream << text;
+    if (point.reprojection_px) {
+      std::snprintf(text, sizeof text, "%.5f", *point.reprojection_px);
+      stream << text;
+    }
+    if (point.seen) {
+      std::snprintf(text, sizeof text, ",%.6f,%.6f,%.7f\n", point.seen->x, point.seen->y, point.seen->yaw);
+      stream << text;
+    } else {
+      stream << ",,,\n";
+    }
+  }
+  stream.flush();
+  if (!stream) throw Failure(ExitCode::usage, file.string() + ": cannot be written (is the disk full?)");
+}
+
+RunTrace read_trace(const std::filesystem::path& file) {
+  std::ifstream stream(file);
+  RunTrace trace;
+  std::string one;
+  std::getline(stream, one);
+  for (int number = 2; std::getline(stream, one); ++number) {
+    TracePoint point;
+    Pose2& pose = point.camera_point;
+    double reprojection = 0.0;
+    Pose2 seen;
+    const int read = std::sscanf(one.c_str(), "%lf,%lf,%lf,%lf,%lf,%lf,%lf,%lf", &point.time_s, &pose.x, &pose.y,
+                                 &pose.yaw, &reprojection, &seen.x, &seen.y, &seen.yaw);
+    if (read < 4)
+      throw Failure(ExitCode::usage, file.string() + ":" + std::to_string(number) +
+                                         ": must have time_s,x,y,yaw and, with a sighting, what it saw");
+    if (read > 4) point.reprojection_px = reprojection;
+    if (read == 8) point.seen = seen;
+    trace.push_back(point);
+  }
+  return trace;
+}
+
+}  // namespace tagdock

@@ -1,0 +1,26 @@
+#pragma once
+
+#include <filesystem>
+#include <optional>
+#include <vector>
+
+#include "planning/pose2.h"
+
+namespace tagdock {
+
+/// The way of one run, as the simulator knows it and as the robot saw it.
+struct TracePoint {
+  double time_s = 0.0;
+  Pose2 camera_point;                     ///< true, station frame
+  std::optional<double> reprojection_px;  ///< of a sighting at this time
+  std::optional<Pose2> seen;              ///< the camera point by that sighting alone
+};
+using RunTrace = std::vector<TracePoint>;
+
+/// A file each run: time_s,x,y,yaw,reprojection_px,seen_x,seen_y,seen_yaw.
+void write_trace(const std::filesystem::path& file, const RunTrace& trace);
+
+/// Throws Failure(usage) with file and line.
+RunTrace read_trace(const std::filesystem::path& file);
+
+}  // namespace tagdock
