@@ -177,7 +177,7 @@ std::string to_html(const Report& report) {
       ".good,.bad{padding:.6em 1em;border-left:8px solid}.good{background:#e6f4e6;border-color:#2a7a2a}"
       ".bad{background:#fbe9e7;border-color:#b3261e}table{border-collapse:collapse;font-size:.85em}"
       "td,th{border:1px solid #ccc;padding:.15em .5em;text-align:left}figure{display:inline-block;margin:.5em;"
-      "vertical-align:top;width:470px;max-width:100%}figcaption{font-weight:bold;font-size:.9em}svg{width:100%}</style>"
+      "vertical-align:top;width:46%;min-width:300px}figcaption{font-weight:bold;font-size:.9em}svg{width:100%}</style>"
       "</head>\n<body>\n<h1>" +
       escaped(report.title) + "</h1>\n<div class=\"" + (report.good ? "good" : "bad") + "\">";
   for (const std::string& sentence : report.verdict) page += "<p>" + escaped(sentence) + "</p>";
