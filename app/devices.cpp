@@ -109,7 +109,9 @@ Devices open_devices(const Config& config, const DeviceOptions& options) {
     devices.camera_name = "simulated, in-process";
   } else if (simulated_camera) {
     const std::string address = "127.0.0.1";
-    auto live = std::make_unique<LiveWorld>(world, config.simulation.faults, start, address);
+    GigeServerSettings served;
+    served.address = address;
+    auto live = std::make_unique<LiveWorld>(world, config.simulation.faults, start, served);
     GigeSettings settings = gige_settings(config);
     settings.address = address;
     auto camera = open_gige(settings, start);

@@ -8,9 +8,7 @@ using std::chrono::nanoseconds;
 // The camera's clock began at another time than the session: nothing may take the one for the other.
 constexpr nanoseconds camera_clock_ahead = std::chrono::seconds(1000);
 
-GigeServerSettings server_settings(const World& world, const std::string& address) {
-  GigeServerSettings settings;
-  settings.address = address;
+GigeServerSettings server_settings(const World& world, GigeServerSettings settings) {
   settings.width = world.rig().camera.width;
   settings.height = world.rig().camera.height;
   settings.exposure_us = 1e6 * world.scenario().camera.exposure;
@@ -21,11 +19,11 @@ GigeServerSettings server_settings(const World& world, const std::string& addres
 }  // namespace
 
 LiveWorld::LiveWorld(std::shared_ptr<SharedWorld> world, const SimulationFaults& faults,
-                     std::chrono::steady_clock::time_point session_start, const std::string& address)
+                     std::chrono::steady_clock::time_point session_start, const GigeServerSettings& served)
     : world_(std::move(world)),
       faults_(faults),
       session_start_(session_start),
-      server_(server_settings(world_->world, address)),
+      server_(server_settings(world_->world, served)),
       exposing_([this] { expose(); }),
       sending_([this] { put_on_the_wire(); }) {}
 
