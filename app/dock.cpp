@@ -100,6 +100,11 @@ std::string sensor_yaml(const Config& config) {
   return text;
 }
 
+// Also of a camera that is being opened again nothing can be expected.
+bool sends_frames(const CameraHealth& health) {
+  return health.state == "streaming" || health.state == "silent" || health.state == "ended";
+}
+
 // Stops the robot on every way out of the loop.
 class StopAtEnd {
  public:
@@ -198,8 +203,9 @@ class Docking {
       }
       const CameraHealth health = devices_.camera->health();
       inputs.now = devices_.clock->now();
-      inputs.camera = health.state == "lost" ? CameraState::lost : CameraState::streaming;
-      inputs.camera_sentence = inputs.camera == CameraState::lost ? health.reason : "";
+      inputs.camera = sends_frames(health) ? CameraState::streaming : CameraState::lost;
+      if (inputs.camera == CameraState::lost)
+        inputs.camera_sentence = health.reason.empty() ? "the camera is " + health.state : health.reason;
       if (camera_frame) inputs.frame = camera_frame->frame;
       if (stop_signal.requested()) {
         inputs.request = Request::stop;

@@ -56,7 +56,7 @@ std::vector<std::uint8_t> MalformedDatagrams::next() {
     case 4: {  // a trailer with extended ids that claims any number of packets
       std::vector<std::uint8_t> bytes(20 + below(12), 0);
       put(bytes, 4, 1, extended | trailer);
-      put(bytes, 8, 8, random_());
+      put(bytes, 8, 8, below(2) == 0 ? 1 + below(65535) : random_());
       put(bytes, 16, 4, odd());
       return bytes;
     }

@@ -2,12 +2,14 @@
 //   gige_peer serve SERIAL     a simulated camera on 127.0.0.1 that streams until it is killed
 //   gige_peer watch WHICH [N]  a client that opens gige:WHICH, says "streaming" at its first frame and ends after N
 //                              frames, or when it is killed; exit code as the program's
+//   gige_peer camera-client    the Aravis client of a test that itself is not our program (app/cameras/gige.h)
 #include <chrono>
 #include <cstdlib>
 #include <iostream>
 #include <string>
 #include <thread>
 
+#include "app/cameras/gige_process.h"
 #include "app/cameras/open_camera.h"
 #include "app/failure.h"
 #include "app/simulation/gige_server.h"
@@ -49,6 +51,7 @@ int watch(const std::string& which, long frames) {
 }  // namespace
 
 int main(int argc, char** argv) {
+  if (argc == 2 && std::string(argv[1]) == gige_client_word) return serve_gige_client(gige_client_socket);
   const std::string role = argc >= 3 ? argv[1] : "";
   try {
     if (role == "serve") serve(argv[2]);
