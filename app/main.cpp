@@ -21,6 +21,7 @@ int main(int argc, char** argv) {
   add_plan(program, action);
   add_evaluate(program, action);
   add_doctor(program, action);
+  add_record(program, action);
   add_camera_sim(program, action);
   try {
     program.parse(argc, argv);

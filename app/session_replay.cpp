@@ -36,6 +36,22 @@ SessionHead read_session_head(const std::filesystem::path& folder) {
   head.program = map.text("program");
   head.seed = static_cast<std::uint64_t>(map.integer("seed", 0, std::int64_t{1} << 53));
   head.camera_name = map.text("camera_name");
+  if (std::optional<YamlMap> camera = map.optional_map("camera")) {
+    CameraSettings& actual = head.camera;
+    camera->read("identity", actual.identity);
+    camera->read("address", actual.address);
+    constexpr int most = 1 << 16;
+    camera->read("sensor_width", actual.sensor_width, 0, most);
+    camera->read("sensor_height", actual.sensor_height, 0, most);
+    camera->read("binning", actual.binning, 1, 16);
+    camera->read("offset_x", actual.offset_x, 0, most);
+    camera->read("offset_y", actual.offset_y, 0, most);
+    camera->read("width", actual.width, 0, most);
+    camera->read("height", actual.height, 0, most);
+    camera->read("frame_rate", actual.frame_rate, 0.0, 1e6);
+    camera->read("exposure_us", actual.exposure_us, 0.0, 1e9);
+    camera->read("gain", actual.gain, -1e3, 1e3);
+  }
   head.config = read_config(map.map("config"));
   map.finish();
   return head;

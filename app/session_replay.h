@@ -16,6 +16,7 @@ struct SessionHead {
   std::string program;
   std::uint64_t seed = 0;
   std::string camera_name;
+  CameraSettings camera;  ///< as it was read back; empty in recordings of earlier versions
   Config config;
 };
 

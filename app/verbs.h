@@ -16,6 +16,7 @@ void add_dock(CLI::App& program, Action& action);
 void add_replay(CLI::App& program, Action& action);
 void add_evaluate(CLI::App& program, Action& action);
 void add_doctor(CLI::App& program, Action& action);
+void add_record(CLI::App& program, Action& action);
 void add_camera_sim(CLI::App& program, Action& action);
 
 }  // namespace tagdock
