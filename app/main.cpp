@@ -22,6 +22,7 @@ int main(int argc, char** argv) {
   add_evaluate(program, action);
   add_doctor(program, action);
   add_record(program, action);
+  add_export(program, action);
   add_camera_sim(program, action);
   try {
     program.parse(argc, argv);

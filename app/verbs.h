@@ -17,6 +17,7 @@ void add_replay(CLI::App& program, Action& action);
 void add_evaluate(CLI::App& program, Action& action);
 void add_doctor(CLI::App& program, Action& action);
 void add_record(CLI::App& program, Action& action);
+void add_export(CLI::App& program, Action& action);
 void add_camera_sim(CLI::App& program, Action& action);
 
 }  // namespace tagdock
