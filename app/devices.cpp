@@ -118,12 +118,17 @@ Devices open_devices(const Config& config, const DeviceOptions& options) {
     devices.camera = std::make_unique<CameraOfLiveWorld>(std::move(live), std::move(camera));
     devices.camera_name = "simulated, over GigE Vision at " + address;
   } else {
-    devices.camera = open_camera(argument, gige_settings(config), config.camera.frame_rate, start);
+    GigeSettings settings = gige_settings(config);
+    if (options.whole_sensor) settings.width = settings.height = 0;
+    devices.camera = open_camera(argument, settings, config.camera.frame_rate, start);
     devices.camera_name = config.camera.source;
   }
   const CameraSettings actual = devices.camera->actual();
   devices.notes = actual.notes;
-  devices.camera_model = model_of_frames(config.rig.camera, actual);
+  const CameraModel& calibrated = config.rig.camera;
+  const bool another_camera = options.whole_sensor && (actual.width * actual.binning != calibrated.width ||
+                                                       actual.height * actual.binning != calibrated.height);
+  devices.camera_model = another_camera ? calibrated : model_of_frames(calibrated, actual);
   devices.binning = actual.binning;
 
   if (config.robot == "sim") {

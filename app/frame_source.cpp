@@ -65,7 +65,7 @@ void read_list(const fs::path& list, char separator, const fs::path& folder,
       refuse(file + " is missing");
       continue;
     }
-    source.frames.push_back({file, time, source.frames.size(), loader(folder / file)});
+    source.frames.push_back({file, (folder / file).string(), time, source.frames.size(), loader(folder / file)});
   }
   std::stable_sort(source.frames.begin(), source.frames.end(),
                    [](const SourceFrame& a, const SourceFrame& b) { return a.time < b.time; });
@@ -103,8 +103,8 @@ FrameSource session_frames(const std::string& where) {
   const Session session = read_session(where);
   source.remarks = session.remarks;
   for (const RecordedFrame& frame : session.frames)
-    source.frames.push_back(
-        {frame.file.filename().string(), frame.time, frame.number, [frame] { return read_frame(frame).gray; }});
+    source.frames.push_back({frame.file.filename().string(), frame.file.string(), frame.time, frame.number,
+                             [frame] { return read_frame(frame).gray; }});
   return source;
 }
 
@@ -118,7 +118,7 @@ FrameSource video_frames(const std::string& where) {
     throw Failure(ExitCode::usage,
                   where + ": neither a folder, a numbered pattern such as I%04d.pgm, nor a video that can be read");
   for (std::int64_t i = 0; i < static_cast<std::int64_t>(count); ++i)
-    source.frames.push_back({where + "#" + std::to_string(i),
+    source.frames.push_back({where + "#" + std::to_string(i), "",
                              nanoseconds(std::llround(1e9 * static_cast<double>(i) / rate)),
                              static_cast<std::uint64_t>(i), [video, i] { return video->read(i); }});
   return source;
@@ -169,8 +169,9 @@ FrameSource open_frames(const std::string& where, double rate) {
     source.kind = "images";
     for (const fs::path& file : list_images(where)) {
       const std::size_t index = source.frames.size();
-      source.frames.push_back(
-          {file.string(), nanoseconds(std::llround(1e9 * static_cast<double>(index) / rate)), index, loader(file)});
+      source.frames.push_back({file.string(), file.string(),
+                               nanoseconds(std::llround(1e9 * static_cast<double>(index) / rate)), index,
+                               loader(file)});
     }
   } else {
     source = video_frames(where);

@@ -13,6 +13,7 @@ namespace tagdock {
 /// A picture that can be loaded when it is wanted.
 struct SourceFrame {
   std::string name;  ///< the file, or the video and the number in it
+  std::string file;  ///< with its path; empty for a picture of a video
   std::chrono::nanoseconds time{0};
   std::uint64_t number = 0;
   /// @throws Failure (usage) with the name when it cannot be read

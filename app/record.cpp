@@ -38,7 +38,7 @@ int record(const RecordOptions& options) {
   config.robot = options.robot;
   config = parse_config(to_yaml(config), "(configuration of this recording)");
   const StopSignal stop_signal;
-  Devices devices = open_devices(config, {options.seed, std::nullopt});
+  Devices devices = open_devices(config, {options.seed, std::nullopt, options.config.empty() && options.rig.empty()});
   config.rig.camera = devices.camera_model;
   const std::string config_text = to_yaml(config);
   SessionRecorder recorder(options.folder,

@@ -12,8 +12,6 @@
 #include <unistd.h>
 #include <zlib.h>
 
-#include <opencv2/imgcodecs.hpp>
-
 #include "app/failure.h"
 #include "app/image_file.h"
 #include "app/png_file.h"
@@ -447,8 +445,9 @@ Session read_session(const std::filesystem::path& folder) {
 
 Frame read_frame(const RecordedFrame& recorded) {
   Frame frame;
-  frame.gray = cv::imread(recorded.file.string(), cv::IMREAD_GRAYSCALE);
-  if (frame.gray.empty()) throw Failure(ExitCode::usage, recorded.file.string() + ": cannot be read as an image");
+  auto image = read_grey(recorded.file);
+  if (const std::string* sentence = std::get_if<std::string>(&image)) throw Failure(ExitCode::usage, *sentence);
+  frame.gray = std::get<cv::Mat1b>(image);
   if (checksum(frame.gray) != recorded.crc32)
     throw Failure(ExitCode::usage, recorded.file.string() + ": its pixels differ from the checksum in data.csv");
   frame.time = recorded.time;

@@ -20,7 +20,7 @@ void compare(const std::string& stream, const std::vector<std::string>& recorded
                                    "\n  replayed " + made[i]);
     named = true;
   }
-  if (recorded.size() == made.size()) return;
+  if (recorded.size() == made.size() || (result.ended_early && made.size() < recorded.size())) return;
   result.difference_count += std::max(recorded.size(), made.size()) - common;
   result.differences.push_back(stream + ": " + std::to_string(recorded.size()) + " lines recorded, " +
                                std::to_string(made.size()) + " replayed");
@@ -87,7 +87,10 @@ ReplayResult replay(const Session& session, const Config& config, const ReplayWa
     if (outputs.sighting_line) result.sighting_lines.push_back(*outputs.sighting_line);
     result.command_lines.push_back(outputs.command_line);
     if (outputs.phase_line) result.phase_lines.push_back(*outputs.phase_line);
-    if (watcher && !watcher(inputs, outputs)) break;
+    if (watcher && !watcher(inputs, outputs)) {
+      result.ended_early = true;
+      break;
+    }
   }
   result.last_phase = std::string(name(loop.docker().phase()));
   compare("sightings.csv", session.sightings, result.sighting_lines, result);

@@ -33,6 +33,7 @@ struct ReplayResult {
   std::vector<std::string> phase_lines;
   /// Where what was made now differs from what was recorded, one sentence each; empty means bit-equal.
   std::vector<std::string> differences;
+  bool ended_early = false;            ///< the watcher ended it: only what was made is compared
   std::uint64_t difference_count = 0;  ///< all of them; `differences` names the first of each stream
 };
 

@@ -52,7 +52,7 @@ int soak(const std::string& program, double seconds, const char* folder) {
     auto next = steady_clock::now();
     for (std::uint64_t number = 1; !end; ++number) {
       server.publish({gray, number, steady_clock::now() - start});
-      next += 33333us;
+      next = std::max(next + 33333us, steady_clock::now());  // a held-up machine takes fewer frames
       std::this_thread::sleep_until(next);
     }
   });
@@ -64,6 +64,7 @@ int soak(const std::string& program, double seconds, const char* folder) {
   if (folder != nullptr) recorder = std::make_unique<SessionRecorder>(folder, "format: 1\n", "", false);
   while (!camera->newest(0ns)) std::this_thread::sleep_for(1ms);
   const CameraHealth first = camera->health();
+  const std::uint64_t sent_before = server.sent();
   const double memory_before = resident_megabytes();
   std::vector<double> delays_ms;
   const auto begin = steady_clock::now();
@@ -78,6 +79,7 @@ int soak(const std::string& program, double seconds, const char* folder) {
   }
   const double took = std::chrono::duration<double>(steady_clock::now() - begin).count();
   const double own_cpu = cpu_seconds(RUSAGE_SELF) - cpu_before;
+  const std::uint64_t sent = server.sent();
   const CameraHealth last = camera->health();
   const double memory_after = resident_megabytes();
   camera.reset();
@@ -96,16 +98,18 @@ int soak(const std::string& program, double seconds, const char* folder) {
     return static_cast<unsigned long long>(after - before);
   };
   std::printf(
-      "{\"seconds\": %.1f, \"frames\": %llu, \"taken\": %zu, \"incomplete\": %llu, \"lost\": %llu, \"overwritten\": "
+      "{\"seconds\": %.1f, \"sent\": %llu, \"frames\": %llu, \"taken\": %zu, \"incomplete\": %llu, \"lost\": %llu, "
+      "\"overwritten\": "
       "%llu, "
       "\"restarts\": %llu, \"delay_ms\": {\"p50\": %.2f, \"p95\": %.2f, \"p99\": %.2f, \"max\": %.2f}, "
       "\"client_cpu_percent\": %.1f, \"server_and_loop_cpu_percent\": %.1f, \"memory_mb\": [%.1f, %.1f], "
       "\"recorded\": %llu, \"recorder_dropped\": %llu, \"uid\": %u}\n",
-      took, count(last.received, first.received), delays_ms.size(), count(last.incomplete, first.incomplete),
-      count(last.lost, first.lost), count(last.overwritten, first.overwritten), count(last.restarts, 0), quantile(0.5),
-      quantile(0.95), quantile(0.99), delays_ms.back(), 100.0 * cpu_seconds(RUSAGE_CHILDREN) / took,
-      100.0 * own_cpu / took, memory_before, memory_after, count(recorded.frames_written, 0),
-      count(recorded.frames_dropped, 0), static_cast<unsigned>(::getuid()));
+      took, count(sent, sent_before), count(last.received, first.received), delays_ms.size(),
+      count(last.incomplete, first.incomplete), count(last.lost, first.lost),
+      count(last.overwritten, first.overwritten), count(last.restarts, 0), quantile(0.5), quantile(0.95),
+      quantile(0.99), delays_ms.back(), 100.0 * cpu_seconds(RUSAGE_CHILDREN) / took, 100.0 * own_cpu / took,
+      memory_before, memory_after, count(recorded.frames_written, 0), count(recorded.frames_dropped, 0),
+      static_cast<unsigned>(::getuid()));
   return last.incomplete == first.incomplete && last.lost == first.lost && recorded.frames_dropped == 0 ? 0 : 1;
 }
 
