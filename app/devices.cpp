@@ -52,6 +52,8 @@ class CameraOfLiveWorld final : public Camera {
   std::optional<CameraFrame> newest(nanoseconds now) override { return camera_->newest(now); }
   [[nodiscard]] CameraHealth health() const override { return camera_->health(); }
   [[nodiscard]] CameraSettings actual() const override { return camera_->actual(); }
+  void adjust(double exposure_us, double gain) override { camera_->adjust(exposure_us, gain); }
+  void trigger() override { camera_->trigger(); }
 
  private:
   std::unique_ptr<LiveWorld> world_;
@@ -65,6 +67,9 @@ GigeSettings gige_settings(const Config& config) {
   settings.gain = config.camera.gain;
   settings.width = config.rig.camera.width;
   settings.height = config.rig.camera.height;
+  settings.pixel_format = config.camera.pixel_format;
+  settings.ptp = config.camera.ptp;
+  settings.chunks = config.camera.chunks;
   settings.receive_buffer = static_cast<std::size_t>(config.camera.receive_buffer);
   settings.declared_latency = nanoseconds(static_cast<std::int64_t>(std::llround(config.camera.latency_ms * 1e6)));
   return settings;

@@ -4,10 +4,12 @@
 #include <filesystem>
 #include <fstream>
 #include <iostream>
+#include <map>
 #include <memory>
 #include <sstream>
 #include <unistd.h>
 
+#include "app/auto_exposure.h"
 #include "app/config.h"
 #include "app/devices.h"
 #include "app/docking_loop.h"
@@ -197,6 +199,7 @@ class Docking {
       const DockingLoop::Outputs outputs = loop_.cycle(inputs);
       if (inputs.robot_linked) devices_.robot->drive(outputs.docking.command);
 
+      if (camera_frame) watch_exposure(*camera_frame, outputs);
       record(outputs, camera_frame);
       tell(inputs, outputs, report);
       if (camera_frame) {
@@ -222,6 +225,16 @@ class Docking {
                                 wrap_angle(truth.yaw - config_.docking.dock_pose.yaw)};
     }
     talk_.clear();
+    constexpr double sharp_px = 1.0;
+    if (largest_blur_px_ > sharp_px) {
+      char text[200];
+      std::snprintf(text, sizeof text,
+                    "the picture moved by up to %.1f px during an exposure of %.0f us: below %.0f us it stays sharp to "
+                    "a pixel (camera.exposure_us, or auto_exposure)",
+                    largest_blur_px_, blurred_exposure_us_, blurred_exposure_us_ / largest_blur_px_);
+      talk_.event(end, std::string("advice: ") + text);
+      if (recorder_) recorder_->line(SessionStream::events, std::to_string(end.count()) + "," + text);
+    }
     if (recorder_) {
       recorder_->finish();
       const RecorderHealth health = recorder_->health();
@@ -235,6 +248,50 @@ class Docking {
   [[nodiscard]] const DockingStory& story() const { return story_; }
 
  private:
+  // Motion blur, and with camera.auto_exposure the tags' brightness. Nothing of the docking depends on it.
+  void watch_exposure(const CameraFrame& frame, const DockingLoop::Outputs& outputs) {
+    const BoardSighting* board = outputs.sighting ? std::get_if<BoardSighting>(&*outputs.sighting) : nullptr;
+    if (board == nullptr) {
+      last_corners_.clear();
+      return;
+    }
+    std::map<int, Corners> corners;
+    std::vector<Corners> tags;
+    double moved_px = 0.0;
+    for (const RefinedTag& tag : board->tags) {
+      corners[tag.id] = tag.corners_px;
+      tags.push_back(tag.corners_px);
+      if (const auto before = last_corners_.find(tag.id); before != last_corners_.end())
+        for (std::size_t i = 0; i < 4; ++i)
+          moved_px = std::max(moved_px, (tag.corners_px[i] - before->second[i]).norm());
+    }
+    const double seconds = std::chrono::duration<double>(frame.frame.time - last_seen_).count();
+    constexpr double same_motion_s = 0.2;
+    const double speed_px =
+        !last_corners_.empty() && seconds > 0.0 && seconds < same_motion_s ? moved_px / seconds : 0.0;
+    last_corners_ = std::move(corners);
+    last_seen_ = frame.frame.time;
+    if (const double blur_px = 1e-6 * frame.exposure_us * speed_px; blur_px > largest_blur_px_) {
+      largest_blur_px_ = blur_px;
+      blurred_exposure_us_ = frame.exposure_us;
+    }
+    if (!config_.camera.auto_exposure) return;
+    // From here on the edges are measured for the last time: half a metre and the fix itself.
+    constexpr double final_approach = 0.5;
+    const std::string phase(name(loop_.docker().phase()));
+    const bool frozen =
+        phase == "fixing" || (outputs.docking.distance_to_go && *outputs.docking.distance_to_go < final_approach);
+    const auto light = meter(frame.frame.gray, tags);
+    if (!light) return;
+    if (const auto wanted = exposure_.next(*light, {frame.exposure_us, frame.gain}, speed_px, frozen)) {
+      devices_.camera->adjust(wanted->exposure_us, wanted->gain_db);
+      char text[120];
+      std::snprintf(text, sizeof text, "exposure %.0f us; gain %.1f dB (the tags' white was at %.0f %%)",
+                    wanted->exposure_us, wanted->gain_db, 100.0 * light->white);
+      if (recorder_) recorder_->line(SessionStream::events, std::to_string(frame.arrived.count()) + "," + text);
+    }
+  }
+
   void record(const DockingLoop::Outputs& outputs, const std::optional<CameraFrame>& frame) {
     if (!recorder_) return;
     if (frame) recorder_->frame(*frame);
@@ -286,6 +343,11 @@ class Docking {
   Talk talk_;
   std::unique_ptr<SessionRecorder> recorder_;
   std::unique_ptr<View> view_;
+  AutoExposure exposure_{AutoExposureConfig{}};
+  std::map<int, Corners> last_corners_;  ///< of the tags in the last frame
+  nanoseconds last_seen_{0};
+  double largest_blur_px_ = 0.0;
+  double blurred_exposure_us_ = 0.0;
   DockingStory story_;
 };
 

@@ -77,6 +77,11 @@ ReplayResult replay(const Session& session, const Config& config, const ReplayWa
         result.differences.push_back("frame " + std::to_string(*tick.frame) + " was used but is not in the recording");
       } else {
         frame = read_frame(*found->second);
+        if (frame->gray.cols != config.rig.camera.width || frame->gray.rows != config.rig.camera.height)
+          throw Failure(ExitCode::usage,
+                        found->second->file.string() + ": has " + std::to_string(frame->gray.cols) + "x" +
+                            std::to_string(frame->gray.rows) + " pixels, and the camera it is replayed with " +
+                            std::to_string(config.rig.camera.width) + "x" + std::to_string(config.rig.camera.height));
         ++result.frames;
       }
     }

@@ -1,5 +1,7 @@
 #include "app/simulation/live_world.h"
 
+#include <cmath>
+
 namespace tagdock {
 namespace {
 
@@ -23,6 +25,7 @@ LiveWorld::LiveWorld(std::shared_ptr<SharedWorld> world, const SimulationFaults&
     : world_(std::move(world)),
       faults_(faults),
       session_start_(session_start),
+      first_exposure_us_(1e6 * world_->world.scenario().camera.exposure),
       server_(server_settings(world_->world, served)),
       exposing_([this] { expose(); }),
       sending_([this] { put_on_the_wire(); }) {}
@@ -65,6 +68,12 @@ void LiveWorld::expose() {
       lost = world.is_lost(taken);
       renderer = &world.renderer();
     }
+    // What a client changes while it streams brightens or darkens the picture, as it does on a sensor; the motion in it
+    // stays that of the exposure at the beginning.
+    const ServedSettings client = server_.client();
+    const double changed = client.exposure_us * std::pow(10.0, client.gain / 20.0) / first_exposure_us_;
+    constexpr double rounding = 0.01;
+    if (std::abs(changed - 1.0) > rounding) exposure.exposure.light *= changed;
     const std::uint64_t number = taken++;
     if (!lost) {
       ServedFrame frame{renderer->render(exposure.exposure, exposure.noise_seed).gray, number,

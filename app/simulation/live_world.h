@@ -43,6 +43,7 @@ class LiveWorld {
   std::shared_ptr<SharedWorld> world_;
   SimulationFaults faults_;
   std::chrono::steady_clock::time_point session_start_;
+  double first_exposure_us_;
   GigeServer server_;
   std::mutex mutex_;
   std::condition_variable changed_;

@@ -70,7 +70,8 @@ int main(int argc, char** argv) {
     const pid_t child = ::fork();
     if (child == 0) {
       ::close(ends[0]);
-      if (const int nowhere = ::open("/dev/null", O_WRONLY); nowhere >= 0) ::dup2(nowhere, STDERR_FILENO);
+      // One seed alone is run to be looked at.
+      if (const int nowhere = ::open("/dev/null", O_WRONLY); count > 1 && nowhere >= 0) ::dup2(nowhere, STDERR_FILENO);
       attempt(folder, next, last, ends[1]);
       ::_exit(0);
     }
