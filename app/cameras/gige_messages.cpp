@@ -172,10 +172,10 @@ template <class Messages, std::size_t index = 0>
 std::optional<Messages> unpack(std::uint32_t wanted, Reader& reader) {
   if constexpr (index < std::variant_size_v<Messages>) {
     if (wanted != index) return unpack<Messages, index + 1>(wanted, reader);
-    std::variant_alternative_t<index, Messages> message;
-    fields(reader, message);
-    if (!reader.whole()) return std::nullopt;
-    return Messages(std::move(message));
+    std::optional<Messages> message(std::in_place, std::in_place_index<index>);
+    fields(reader, std::get<index>(*message));
+    if (!reader.whole()) message.reset();
+    return message;
   } else {
     return std::nullopt;
   }
