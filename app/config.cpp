@@ -68,6 +68,9 @@ void visit(Fields& fields, DockingConfig& docking) {
     inner.number("castor_scrub_sigma", filter.castors.scrub_sigma, 0.0, 2.0);
     inner.number("castor_scrub_wander", filter.castors.scrub_wander, 0.0, 2.0);
     inner.number("turn_noise", filter.turn_noise, 0.0, 1.0);
+    inner.number("pull_sigma", filter.pull_sigma, 0.0, 1.0);
+    inner.number("stretch_sigma", filter.stretch_sigma, 0.0, 1.0);
+    inner.degrees("camera_yaw_sigma_deg", filter.camera_yaw_sigma, 0.0, 10.0);
     inner.number("gate", filter.gate, 1.0, 1e6);
     inner.number("corner_bias_px", filter.corner_bias_px, 0.0, 5.0);
   });

@@ -17,6 +17,7 @@
 #include "app/docking_report.h"
 #include "app/failure.h"
 #include "app/fields.h"
+#include "app/phase_picture.h"
 #include "app/recording.h"
 #include "app/rig_file.h"
 #include "app/session.h"
@@ -46,6 +47,7 @@ struct DockOptions {
   std::string picture;
   std::string write_config;
   bool compress = false;
+  std::string phases;
   bool view = false;
   bool json = false;
 };
@@ -373,6 +375,14 @@ int dock(const DockOptions& options) {
                   "--station " + options.station + ": there is no station page yet; only off is known");
   if (options.speedup && !(*options.speedup >= 0.0))
     throw Failure(ExitCode::usage, "--speedup must be 0 (as fast as it can) or more");
+  if (!options.phases.empty()) {
+    const std::string picture = phase_picture(transitions());
+    if (options.phases == "-")
+      std::cout << picture;
+    else
+      write_file(options.phases, picture, "--phases");
+    return static_cast<int>(ExitCode::done);
+  }
   Config config = configuration(options);
   if (!options.write_config.empty()) {
     if (options.write_config == "-")
@@ -430,6 +440,8 @@ void add_dock(CLI::App& program, Action& action) {
   verb->add_option("--picture", options->picture, "write the docking at a glance, as SVG");
   verb->add_option("--write-config", options->write_config,
                    "write every key of the configuration that would be used, as YAML (- is stdout), and do not dock");
+  verb->add_option("--phases", options->phases,
+                   "draw the phases of a docking and the ways between them (SVG; - for stdout), and dock nothing");
   verb->add_flag("--view", options->view, "window with the live image, the tags and the target");
   verb->add_flag("--json", options->json, "the report on stdout instead of words");
   verb->footer(

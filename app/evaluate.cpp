@@ -12,6 +12,7 @@
 #include "app/evaluation_report.h"
 #include "app/failure.h"
 #include "app/rig_file.h"
+#include "app/step_response.h"
 #include "app/verbs.h"
 
 namespace tagdock {
@@ -223,7 +224,10 @@ void add_evaluate(CLI::App& program, Action& action) {
       "Examples:\n  tagdock evaluate --runs 1000 --output servo\n"
       "  tagdock evaluate --runs 1000 --strategy paper --output paper\n"
       "  tagdock evaluate --runs 20 --images on --output seen");
-  verb->callback([options, &action] { action = [options] { return evaluate_campaign(*options); }; });
+  add_step_response(*verb, action);
+  verb->callback([options, verb, &action] {
+    if (verb->get_subcommands().empty()) action = [options] { return evaluate_campaign(*options); };
+  });
 }
 
 }  // namespace tagdock

@@ -46,7 +46,19 @@ struct PlanArguments {
   double arc_curvature_step = 0.0;
   double view_deg = 0.0;
   double camera_ahead = ViewWish{}.camera_ahead;
+  double camera_yaw_deg = 0.0;
   double board_width = 2.0 * ViewWish{}.board_half_width;
+  double min_range = ViewWish{}.min_range;
+  double max_range = ViewWish{}.max_range;
+  std::vector<std::string> tags;
+  std::vector<double> incidence_deg = {degrees(ViewWish{}.least_incidence), degrees(ViewWish{}.most_incidence)};
+  double measure_over = ViewWish{}.measured_over_last;
+  std::vector<double> footprint = {Footprint{}.ahead, Footprint{}.behind, Footprint{}.width};
+  double keep_out_margin = KeepOut{}.margin;
+  double contact_within = 0.0;
+  double period_length = 0.0;
+  WheelLimits wheels;
+  bool reverse = false;
   bool as_json = false;
   bool explain = false;
 };
@@ -59,7 +71,7 @@ struct Query {
 };
 
 struct Answer {
-  DockingPlanResult result;
+  const DockingPlanResult& result;
   long long time_ns = 0;
 };
 
@@ -124,9 +136,15 @@ Polygon polygon_option(const std::string& text) {
   return polygon;
 }
 
+/// As %.17g: what is read back is the same number.
+void append_exact(std::string& text, double value) {
+  char digits[40];
+  text.append(digits, std::to_chars(digits, digits + sizeof digits, value, std::chars_format::general, 17).ptr);
+}
+
 std::string exact(double value) {
-  char text[40];
-  std::snprintf(text, sizeof text, "%.17g", value);
+  std::string text;
+  append_exact(text, value);
   return text;
 }
 
@@ -149,26 +167,53 @@ double printed_end_curvature(const Path& path, std::size_t index) {
   return std::abs(own - next) <= 4e-16 * (std::abs(segment.curvature) + std::abs(own)) ? next : own;
 }
 
-void write_csv(std::ostream& out, const Query& query, const Answer& answer) {
-  out << query.id << ',' << answer.time_ns << ',' << status(answer.result);
+/// @param line  memory that stays from line to line
+void write_csv(std::ostream& out, const Query& query, const Answer& answer, std::string& line) {
+  line.assign(query.id).append(",").append(std::to_string(answer.time_ns)).append(",").append(status(answer.result));
   for (const double value :
        {query.start.x, query.start.y, query.start.yaw, query.goal.x, query.goal.y, query.goal.yaw}) {
-    out << ',';
-    if (std::isfinite(value)) out << exact(value);
+    line += ',';
+    if (std::isfinite(value)) append_exact(line, value);
   }
   if (const Path* path = path_of(answer.result)) {
     for (std::size_t i = 0; i < path->segments.size(); ++i) {
       const Segment& segment = path->segments[i];
-      out << ',' << exact(segment.length) << ',' << exact(segment.curvature) << ',';
-      if (segment.sharpness != 0.0) out << exact(printed_end_curvature(*path, i));
+      line += ',';
+      append_exact(line, segment.length);
+      line += ',';
+      append_exact(line, segment.curvature);
+      line += ',';
+      if (segment.sharpness != 0.0) append_exact(line, printed_end_curvature(*path, i));
     }
   }
-  out << '\n';
+  line += '\n';
+  out << line;
+}
+
+/// One sigma [m, m, rad] of the end pose in the frame of the goal, driven by odometry alone with the default drift.
+Eigen::Vector3d predicted_sigma(const Path& path, const Pose2& goal) {
+  const Eigen::Matrix3d station = covariance_at_end(path, Eigen::Matrix3d::Zero(), OdometryDrift{});
+  Eigen::Matrix3d turned = Eigen::Matrix3d::Identity();
+  turned(0, 0) = turned(1, 1) = std::cos(goal.yaw);
+  turned(0, 1) = std::sin(goal.yaw);
+  turned(1, 0) = -turned(0, 1);
+  return (turned * station * turned.transpose()).diagonal().cwiseSqrt();
 }
 
 json json_pose(const Pose2& pose) { return {{"x", pose.x}, {"y", pose.y}, {"yaw", pose.yaw}}; }
 
-json as_json(const Query& query, const Answer& answer) {
+void add_words(json& object, const std::vector<Candidate>& candidates) {
+  if (candidates.empty()) return;
+  json words = json::array();
+  for (const Candidate& candidate : candidates)
+    words.push_back({{"word", candidate.word.name()},
+                     {"length", candidate.solved ? json(candidate.word.length) : json()},
+                     {"cusps", candidate.word.cusps()},
+                     {"verdict", candidate.verdict}});
+  object["reeds_shepp"] = std::move(words);
+}
+
+json as_json(const Query& query, const Answer& answer, const WheelLimits& wheels) {
   json object{{"id", query.id},
               {"time_ns", answer.time_ns},
               {"status", std::string(status(answer.result))},
@@ -188,24 +233,42 @@ json as_json(const Query& query, const Answer& answer) {
            {"curv_end", segment.sharpness != 0.0 ? printed_end_curvature(plan->path, i) : segment.curvature}});
     }
     object["segments"] = std::move(segments);
-    if (!plan->candidates.empty()) {
-      json words = json::array();
-      for (const Candidate& candidate : plan->candidates)
-        words.push_back({{"word", candidate.word.name()},
-                         {"length", candidate.word.length},
-                         {"cusps", candidate.word.cusps()},
-                         {"verdict", candidate.verdict}});
-      object["reeds_shepp"] = std::move(words);
+    if (plan->largest_bearing > 0.0) object["largest_bearing"] = plan->largest_bearing;
+    if (plan->period_length > 0.0) object["period_length"] = plan->period_length;
+    const Eigen::Vector3d sigma = predicted_sigma(plan->path, query.goal);
+    object["predicted_sigma"] = {{"along", sigma.x()}, {"across", sigma.y()}, {"yaw", sigma.z()}};
+    if (const std::optional<TimeLaw> law = time_law(plan->path, wheels)) {
+      json timings = json::array();
+      for (const SegmentTiming& timing : law->segments)
+        timings.push_back(
+            {{"periods", timing.periods}, {"entry", timing.entry}, {"cruise", timing.cruise}, {"exit", timing.exit}});
+      object["time_law"] = {{"duration", law->duration()}, {"period", law->period}, {"segments", std::move(timings)}};
     }
+    add_words(object, plan->candidates);
   } else if (const auto* refusal = std::get_if<PlanRefusal>(&answer.result)) {
     object["sentence"] = refusal->sentence;
     object["cure"] = refusal->cure;
+    add_words(object, refusal->candidates);
   }
   return object;
 }
 
-void explain(std::ostream& out, const Query& query, const Answer& answer) {
-  char line[200];
+/// Every word with what speaks against it.
+void explain_words(std::ostream& out, const std::vector<Candidate>& candidates) {
+  if (candidates.empty()) return;
+  out << "the 48 Reeds-Shepp words at full curvature, to the end of the last turn, and what speaks against each:\n";
+  char line[80];
+  for (const Candidate& candidate : candidates) {
+    if (candidate.solved)
+      std::snprintf(line, sizeof line, "  %-12s %10.4f m  ", candidate.word.name().c_str(), candidate.word.length);
+    else
+      std::snprintf(line, sizeof line, "  %-12s %10s    ", candidate.word.name().c_str(), "-");
+    out << line << candidate.verdict << "\n";
+  }
+}
+
+void explain(std::ostream& out, const Query& query, const Answer& answer, const WheelLimits& wheels) {
+  char line[300];
   const auto say = [&](const char* pattern, auto... values) {
     std::snprintf(line, sizeof line, pattern, values...);
     out << line;
@@ -213,6 +276,7 @@ void explain(std::ostream& out, const Query& query, const Answer& answer) {
   if (const auto* refusal = std::get_if<PlanRefusal>(&answer.result)) {
     out << "no plan (" << word(refusal->reason) << "): " << refusal->sentence << "\n";
     if (!refusal->cure.empty()) out << "what would help: " << refusal->cure << "\n";
+    explain_words(out, refusal->candidates);
     return;
   }
   const auto* plan = std::get_if<DockingPlan>(&answer.result);
@@ -228,12 +292,16 @@ void explain(std::ostream& out, const Query& query, const Answer& answer) {
   if (plan->largest_bearing > 0.0) say("board's edge at most %.2f deg from the axis\n", degrees(plan->largest_bearing));
   const Pose2 end = between(query.goal, end_pose(plan->path));
   say("ends %.2g m and %.2g rad beside the goal\n", std::hypot(end.x, end.y), std::abs(wrap_angle(end.yaw)));
-  const Eigen::Matrix3d drift = covariance_at_end(plan->path, Eigen::Matrix3d::Zero(), OdometryDrift{});
-  say("driven by odometry alone it ends within %.1f mm, %.1f mm and %.2f deg (one sigma in x, y, yaw; default drift)\n",
-      1e3 * std::sqrt(drift(0, 0)), 1e3 * std::sqrt(drift(1, 1)), degrees(std::sqrt(drift(2, 2))));
-  if (const std::optional<TimeLaw> law = time_law(plan->path, WheelLimits{}))
-    say("takes %.2f s with the default wheel limits, every segment a whole number of %.0f ms periods\n",
-        law->duration(), 1e3 * law->period);
+  const Eigen::Vector3d sigma = predicted_sigma(plan->path, query.goal);
+  say("driven by odometry alone it ends within %.1f mm along, %.1f mm across and %.2f deg (one sigma, default drift)\n",
+      1e3 * sigma.x(), 1e3 * sigma.y(), degrees(sigma.z()));
+  if (plan->period_length > 0.0)
+    say("every segment is a whole multiple of %.6f m, the way of one period at constant speed\n", plan->period_length);
+  if (const std::optional<TimeLaw> law = time_law(plan->path, wheels))
+    say("takes %.2f s: wheels up to %.2f m/s, %.2f m/s2, %.1f m/s3; every segment a whole number of %.0f ms periods\n",
+        law->duration(), wheels.wheel_speed, wheels.wheel_acceleration, wheels.wheel_jerk, 1e3 * law->period);
+  else
+    out << "no time law: a segment is too short to be driven in whole periods within the wheels' limits\n";
   say("%4s %10s %10s %10s %10s %10s %10s\n", "no", "length", "curvature", "to", "x", "y", "yaw_deg");
   Pose2 pose = plan->path.start;
   for (std::size_t i = 0; i < plan->path.segments.size(); ++i) {
@@ -244,9 +312,7 @@ void explain(std::ostream& out, const Query& query, const Answer& answer) {
             segment.curvature * (segment.sharpness == 0.0),
         pose.x, pose.y, degrees(pose.yaw));
   }
-  out << "Reeds-Shepp words at full curvature, to the end of the last turn:\n";
-  for (const Candidate& candidate : plan->candidates)
-    say("  %-12s %10.4f m  %s\n", candidate.word.name().c_str(), candidate.word.length, candidate.verdict.c_str());
+  explain_words(out, plan->candidates);
 }
 
 /// Where the data goes: a file, or stdout.
@@ -269,49 +335,57 @@ class Sink {
   std::ofstream file_;
 };
 
-Answer answered(const Query& query, Mode mode, DockingPlanConfig config) {
+Answer answered(const Query& query, Mode mode, DockingPlanConfig& config, DockingPlanner& planner) {
   config.limits = query.limits;
   const auto begin = std::chrono::steady_clock::now();
-  Answer answer;
-  answer.result = mode == Mode::forward ? plan_docking(query.start, query.goal, config)
-                                        : plan_manoeuvre(query.start, query.goal, config,
-                                                         mode == Mode::dubins ? Driving::forward : Driving::both);
-  answer.time_ns =
-      std::chrono::duration_cast<std::chrono::nanoseconds>(std::chrono::steady_clock::now() - begin).count();
-  return answer;
+  const DockingPlanResult& result =
+      mode == Mode::forward
+          ? planner.plan(query.start, query.goal, config)
+          : planner.manoeuvre(query.start, query.goal, config, mode == Mode::dubins ? Driving::forward : Driving::both);
+  return {result,
+          std::chrono::duration_cast<std::chrono::nanoseconds>(std::chrono::steady_clock::now() - begin).count()};
 }
 
-/// Foot of the board: as given, or 1 m straight ahead of the goal.
-Pose2 board_of(const PlanArguments& arguments, const Pose2& goal) {
+/// In reverse with a camera that looks ahead: the robot backs out of a dock.
+bool leaves_dock(const PlanArguments& arguments) { return arguments.reverse && arguments.camera_yaw_deg == 0.0; }
+
+/// Foot of the board: as given, or 1 m from the docking pose to where the camera looks. The dock is the goal, or the
+/// start of a way out in reverse.
+Pose2 board_of(const PlanArguments& arguments, const Query& query) {
+  const Pose2& dock = leaves_dock(arguments) ? query.start : query.goal;
   if (!arguments.board.empty()) return pose_option(arguments.board, "--board");
-  return goal * Pose2{1.0, 0.0, 0.0};
+  return dock * Pose2{0.0, 0.0, radians(arguments.camera_yaw_deg)} * Pose2{1.0, 0.0, 0.0};
 }
 
 int plan_one(const PlanArguments& arguments, Mode mode, DockingPlanConfig config) {
   Query query{"0", pose_option(arguments.from, "--from"), pose_option(arguments.to, "--to"), config.limits};
   config.list_candidates = arguments.explain || arguments.as_json || !arguments.svg.empty();
-  const Pose2 board = board_of(arguments, query.goal);
+  const Pose2 board = board_of(arguments, query);
   if (config.view) config.view->T_station_board = board;
-  const Answer answer = answered(query, mode, config);
+  DockingPlanner planner;
+  const Answer answer = answered(query, mode, config, planner);
 
   Sink sink(arguments.output);
   if (arguments.as_json) {
-    sink.stream() << as_json(query, answer).dump(2) << '\n';
+    sink.stream() << as_json(query, answer, arguments.wheels).dump(2) << '\n';
   } else {
+    std::string line;
     sink.stream() << csv_header;
-    write_csv(sink.stream(), query, answer);
+    write_csv(sink.stream(), query, answer, line);
   }
   sink.finish();
-  if (arguments.explain) explain(std::cerr, query, answer);
+  if (arguments.explain) explain(std::cerr, query, answer, arguments.wheels);
   if (!arguments.svg.empty()) {
-    PlanScene scene{query.start, query.goal, board, query.limits, config.view.value_or(ViewWish{}),
-                    0.4,         0.4,        0.6,   {},           config.keep_out.polygons};
+    PlanScene scene{query.start,     query.goal, board, query.limits, config.view.value_or(ViewWish{}),
+                    config.keep_out, {},         {}};
+    if (const Path* path = path_of(answer.result)) scene.law = time_law(*path, arguments.wheels);
+    const std::string driven = arguments.reverse ? "in reverse" : arguments.mode;
     char title[160] = "";
     if (const auto* plan = std::get_if<DockingPlan>(&answer.result))
-      std::snprintf(title, sizeof title, "%s: %.3f m, %zu segments, curvature up to %.3f 1/m", arguments.mode.c_str(),
+      std::snprintf(title, sizeof title, "%s: %.3f m, %zu segments, curvature up to %.3f 1/m", driven.c_str(),
                     plan->length, plan->path.segments.size(), plan->peak_curvature);
     else
-      std::snprintf(title, sizeof title, "%s: %s", arguments.mode.c_str(), std::string(status(answer.result)).c_str());
+      std::snprintf(title, sizeof title, "%s: %s", driven.c_str(), std::string(status(answer.result)).c_str());
     scene.title = title;
     Sink picture(arguments.svg);
     picture.stream() << plan_picture(answer.result, scene);
@@ -330,6 +404,7 @@ int plan_one(const PlanArguments& arguments, Mode mode, DockingPlanConfig config
 
 /// Where the columns stand in a file of queries.
 struct Columns {
+  std::size_t count = 0;
   std::size_t id = 0;
   std::array<std::size_t, 6> poses{};
   std::optional<std::size_t> curvature, sharpness;
@@ -350,6 +425,7 @@ Columns columns_of(std::string_view header, const std::string& file) {
     return *found;
   };
   Columns columns;
+  columns.count = names.size();
   columns.id = need("id");
   const std::array<const char*, 6> pose_names = {"sx", "sy", "sth", "gx", "gy", "gth"};
   for (std::size_t i = 0; i < 6; ++i) columns.poses[i] = need(pose_names[i]);
@@ -370,6 +446,8 @@ int plan_batch(const PlanArguments& arguments, Mode mode, DockingPlanConfig conf
   const Columns columns = columns_of(line, arguments.batch);
   Sink sink(arguments.output);
   if (!arguments.as_json) sink.stream() << csv_header;
+  DockingPlanner planner;
+  std::string csv_line;
   int number = 1;
   bool malformed = false;
   while (std::getline(in, line)) {
@@ -380,9 +458,10 @@ int plan_batch(const PlanArguments& arguments, Mode mode, DockingPlanConfig conf
     query.id = columns.id < fields.size() ? std::string(fields[columns.id]) : "";
     query.limits = config.limits;
     std::string fault;
-    const auto read = [&](std::size_t column, double& into, bool may_be_empty) {
+    if (fields.size() > columns.count)
+      fault = "has " + std::to_string(fields.size()) + " fields, the first line names " + std::to_string(columns.count);
+    const auto read = [&](std::size_t column, double& into) {
       if (!fault.empty()) return;
-      if (column < fields.size() && fields[column].empty() && may_be_empty) return;
       const std::optional<double> value = column < fields.size() ? parsed(fields[column]) : std::nullopt;
       if (value)
         into = *value;
@@ -391,14 +470,14 @@ int plan_batch(const PlanArguments& arguments, Mode mode, DockingPlanConfig conf
                 (column < fields.size() ? ": \"" + std::string(fields[column].substr(0, 40)) + "\" is not a number"
                                         : " is missing");
     };
-    read(columns.poses[0], query.start.x, false);
-    read(columns.poses[1], query.start.y, false);
-    read(columns.poses[2], query.start.yaw, false);
-    read(columns.poses[3], query.goal.x, false);
-    read(columns.poses[4], query.goal.y, false);
-    read(columns.poses[5], query.goal.yaw, false);
-    if (columns.curvature) read(*columns.curvature, query.limits.max_curvature, true);
-    if (columns.sharpness) read(*columns.sharpness, query.limits.max_sharpness, true);
+    read(columns.poses[0], query.start.x);
+    read(columns.poses[1], query.start.y);
+    read(columns.poses[2], query.start.yaw);
+    read(columns.poses[3], query.goal.x);
+    read(columns.poses[4], query.goal.y);
+    read(columns.poses[5], query.goal.yaw);
+    if (columns.curvature) read(*columns.curvature, query.limits.max_curvature);
+    if (columns.sharpness) read(*columns.sharpness, query.limits.max_sharpness);
     if (!fault.empty()) {
       malformed = true;
       std::cerr << "tagdock: " << arguments.batch << ", line " << number << ", " << fault << "\n";
@@ -410,12 +489,13 @@ int plan_batch(const PlanArguments& arguments, Mode mode, DockingPlanConfig conf
         sink.stream() << query.id << ",0,malformed,,,,,,\n";
       continue;
     }
-    if (config.view) config.view->T_station_board = board_of(arguments, query.goal);
-    const Answer answer = answered(query, mode, config);
+    if (config.view) config.view->T_station_board = board_of(arguments, query);
+    const Answer answer = answered(query, mode, config, planner);
     if (arguments.as_json)
-      sink.stream() << as_json(query, answer).dump(-1, ' ', false, json::error_handler_t::replace) << '\n';
+      sink.stream() << as_json(query, answer, arguments.wheels).dump(-1, ' ', false, json::error_handler_t::replace)
+                    << '\n';
     else
-      write_csv(sink.stream(), query, answer);
+      write_csv(sink.stream(), query, answer, csv_line);
   }
   sink.finish();
   return static_cast<int>(malformed ? ExitCode::usage : ExitCode::done);
@@ -435,13 +515,34 @@ int run(const PlanArguments& arguments) {
         std::pair{arguments.final_straight, "--final-straight"}, std::pair{arguments.softness, "--softness"},
         std::pair{arguments.arc_deviation, "--arc-deviation"},
         std::pair{arguments.arc_curvature_step, "--arc-curvature-step"}, std::pair{arguments.view_deg, "--view-deg"},
-        std::pair{arguments.board_width, "--board-width"}}) {
+        std::pair{arguments.board_width, "--board-width"}, std::pair{arguments.min_range, "--min-range"},
+        std::pair{arguments.max_range, "--max-range"}, std::pair{arguments.keep_out_margin, "--keep-out-margin"},
+        std::pair{arguments.contact_within, "--contact-within"}, std::pair{arguments.period_length, "--period-length"},
+        std::pair{arguments.footprint[0], "--footprint"}, std::pair{arguments.footprint[1], "--footprint"},
+        std::pair{arguments.footprint[2], "--footprint"}}) {
     if (!(value >= 0.0) || !std::isfinite(value))
       throw Failure(ExitCode::usage,
                     std::string(name) + " is " + exact(value) + "; it must be finite and not negative");
   }
-  if (!(arguments.view_deg < 180.0) || !std::isfinite(arguments.camera_ahead))
-    throw Failure(ExitCode::usage, "--view-deg must be below 180 and --camera-ahead finite");
+  if (!(arguments.view_deg < 180.0) || !std::isfinite(arguments.camera_ahead) ||
+      !std::isfinite(arguments.camera_yaw_deg) || !std::isfinite(arguments.measure_over))
+    throw Failure(ExitCode::usage,
+                  "--view-deg must be below 180, and --camera-ahead, --camera-yaw-deg and --measure-over finite");
+  if (arguments.view_deg == 0.0 && !arguments.tags.empty())
+    throw Failure(ExitCode::usage, "--tag needs --view-deg: incidence is a part of the view");
+  if (arguments.period_length > 0.0 && (arguments.as != "arcs" || arguments.mode != "forward"))
+    throw Failure(ExitCode::usage, "--period-length needs --as arcs and --mode forward");
+  if (arguments.reverse && arguments.mode != "forward")
+    throw Failure(ExitCode::usage, "--reverse needs --mode forward; --mode reeds-shepp drives in reverse by itself");
+  for (const auto& [value, name] :
+       {std::pair{arguments.wheels.speed, "--speed"}, std::pair{arguments.wheels.wheel_speed, "--wheel-speed"},
+        std::pair{arguments.wheels.wheel_acceleration, "--wheel-acceleration"},
+        std::pair{arguments.wheels.wheel_jerk, "--wheel-jerk"},
+        std::pair{arguments.wheels.track_width, "--track-width"}, std::pair{arguments.wheels.period, "--period"},
+        std::pair{arguments.wheels.approach_deceleration, "--approach-deceleration"}}) {
+    if (!(value > 0.0) || !std::isfinite(value))
+      throw Failure(ExitCode::usage, std::string(name) + " is " + exact(value) + "; it must be finite and positive");
+  }
   if (arguments.arc_steps < 0 || arguments.arc_steps > 1000)
     throw Failure(ExitCode::usage, "--arc-steps is " + std::to_string(arguments.arc_steps) + "; it must be 1 to 1000");
 
@@ -458,7 +559,21 @@ int run(const PlanArguments& arguments) {
     config.view->horizontal_view = radians(arguments.view_deg);
     config.view->camera_ahead = arguments.camera_ahead;
     config.view->board_half_width = 0.5 * arguments.board_width;
+    config.view->camera_yaw = radians(arguments.camera_yaw_deg);
+    config.view->min_range = arguments.min_range;
+    config.view->max_range = arguments.max_range;
+    config.view->least_incidence = radians(arguments.incidence_deg[0]);
+    config.view->most_incidence = radians(arguments.incidence_deg[1]);
+    config.view->measured_over_last = arguments.measure_over;
+    for (const std::string& text : arguments.tags) config.view->tags.push_back(pose_option(text, "--tag"));
   }
+  config.reverse = arguments.reverse;
+  config.period_length = arguments.period_length;
+  config.keep_out.footprint = {arguments.footprint[0], arguments.footprint[1], arguments.footprint[2]};
+  config.keep_out.margin = arguments.keep_out_margin;
+  // A dock is at the goal, or at the start of a way out in reverse.
+  (leaves_dock(arguments) ? config.keep_out.contact_until : config.keep_out.contact_within) = arguments.contact_within;
+  if (const std::optional<PlanRefusal> fault = refuse_wishes(config)) throw Failure(ExitCode::usage, fault->sentence);
   for (const std::string& text : arguments.keep_out) config.keep_out.polygons.push_back(polygon_option(text));
   const Mode mode = arguments.mode == "forward"  ? Mode::forward
                     : arguments.mode == "dubins" ? Mode::dubins
@@ -505,11 +620,46 @@ void add_plan(CLI::App& program, Action& action) {
       ->capture_default_str();
   verb->add_option("--view-deg", arguments->view_deg, "keep the board within this horizontal view (mode forward)");
   verb->add_option("--camera-ahead", arguments->camera_ahead, "camera before the axle, m")->capture_default_str();
-  verb->add_option("--board", arguments->board, "foot of the board X,Y,YAW_DEG (default: 1 m ahead of the goal)");
+  verb->add_option("--camera-yaw-deg", arguments->camera_yaw_deg, "where the camera looks; 180: backwards")
+      ->capture_default_str();
+  verb->add_option("--min-range", arguments->min_range, "least distance of the camera from the board, m")
+      ->capture_default_str();
+  verb->add_option("--max-range", arguments->max_range, "largest distance of the camera from the board, m")
+      ->capture_default_str();
+  verb->add_option("--tag", arguments->tags,
+                   "a tag X,Y,YAW_DEG in the board's frame (x into the wall); at the start and over the last\n"
+                   "--measure-over metres one of them must be seen within --incidence-deg off its normal");
+  verb->add_option("--incidence-deg", arguments->incidence_deg, "least and largest angle off a tag's normal")
+      ->expected(2)
+      ->capture_default_str();
+  verb->add_option("--measure-over", arguments->measure_over,
+                   "m; 0: yaw is measured at the goal, negative: at the start only")
+      ->capture_default_str();
+  verb->add_option("--board", arguments->board, "foot of the board X,Y,YAW_DEG (default: 1 m ahead of the dock)");
   verb->add_option("--board-width", arguments->board_width, "m")->capture_default_str();
-  verb->add_option(
-      "--keep-out", arguments->keep_out,
-      "corners X,Y,X,Y,X,Y of a polygon that a robot of 0.8 m x 0.6 m must keep 5 cm away from (mode forward)");
+  verb->add_option("--keep-out", arguments->keep_out,
+                   "corners X,Y,X,Y,X,Y of a polygon that the robot must keep away from (mode forward)");
+  verb->add_option("--footprint", arguments->footprint, "robot before and behind its axle and its width, m")
+      ->expected(3)
+      ->capture_default_str();
+  verb->add_option("--keep-out-margin", arguments->keep_out_margin, "room to keep around the footprint, m")
+      ->capture_default_str();
+  verb->add_option("--contact-within", arguments->contact_within,
+                   "so many metres of the way at the dock may touch (the last; the first with --reverse)")
+      ->capture_default_str();
+  verb->add_flag("--reverse", arguments->reverse,
+                 "drive the whole path backwards: leave a dock, or dock with the back (mode forward)");
+  verb->add_option("--period-length", arguments->period_length,
+                   "cut arcs into whole multiples of about this length, speed times control period, m");
+  verb->add_option("--speed", arguments->wheels.speed, "m/s, for the time law")->capture_default_str();
+  verb->add_option("--wheel-speed", arguments->wheels.wheel_speed, "m/s")->capture_default_str();
+  verb->add_option("--wheel-acceleration", arguments->wheels.wheel_acceleration, "m/s2")->capture_default_str();
+  verb->add_option("--wheel-jerk", arguments->wheels.wheel_jerk, "m/s3")->capture_default_str();
+  verb->add_option("--track-width", arguments->wheels.track_width, "m")->capture_default_str();
+  verb->add_option("--period", arguments->wheels.period, "control period, s")->capture_default_str();
+  verb->add_option("--approach-deceleration", arguments->wheels.approach_deceleration,
+                   "speed shrinks with what remains: v^2 <= 2 a remaining, m/s2")
+      ->capture_default_str();
   verb->add_option("--svg", arguments->svg, "draw the plan into this file");
   verb->add_flag("--json", arguments->as_json, "JSON instead of CSV; one object a query");
   verb->add_flag("--explain", arguments->explain, "say on stderr what was planned and every Reeds-Shepp word");
@@ -522,13 +672,16 @@ void add_plan(CLI::App& program, Action& action) {
       "JSON)\n"
       "  tag_out_of_view  every path within the limits loses the board\n"
       "  keep_out         every path within the limits touches what must not be touched\n"
-      "  not_exact        rounding at this scale spoils every solution\n"
+      "  bad_incidence    no tag is seen within --incidence-deg where yaw is measured\n"
+      "  not_exact        rounding at this scale spoils every solution, or no path fits into --period-length\n"
       "  not_finite       a pose or limit is NaN or infinite\n"
       "  too_large        a coordinate above 1e12 m, a heading above 1e9 rad or a limit outside of 1e-12..1e12\n"
       "  bad_limit        a limit is zero, negative or denormal\n"
       "  malformed        the line of the batch is not numbers; also said on stderr, exit code 2 at the end\n"
       "JSON: id, time_ns, status, from, to {x, y, yaw}; with a plan length, shortest, peak_curvature, sharpness,\n"
-      "segments [{length, curv_start, curv_end}], reeds_shepp [{word, length, cusps, verdict}]; else sentence, cure.\n"
+      "segments [{length, curv_start, curv_end}], predicted_sigma {along, across, yaw} (odometry alone), time_law\n"
+      "{duration, period, segments [{periods, entry, cruise, exit}]} if there is one, largest_bearing, period_length,\n"
+      "reeds_shepp (48) [{word, length or null, cusps, verdict}]; else sentence, cure, reeds_shepp (not in a batch).\n"
       "Exit code: 0 planned (batch: every line answered), 1 no plan, 2 bad question.");
   verb->callback([arguments, &action] { action = [arguments] { return run(*arguments); }; });
 }

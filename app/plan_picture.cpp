@@ -51,7 +51,7 @@ class Diagram {
 
   void axes(std::string& svg, const char* x_name, const char* y_name) const {
     const double x_step = tick(x_high_ - x_low_, box_.width / 70.0);
-    const double y_step = tick(y_high_ - y_low_, box_.height / 45.0);
+    const double y_step = tick(y_high_ - y_low_, box_.height / 28.0);
     for (double x = std::ceil(x_low_ / x_step) * x_step; x <= x_high_ + 1e-9 * x_step; x += x_step) {
       svg += format("<line x1='%.1f' y1='%.1f' x2='%.1f' y2='%.1f' stroke='#e4e4e4' stroke-width='1'/>", px(x),
                     box_.top, px(x), box_.top + box_.height);
@@ -133,25 +133,44 @@ std::vector<std::pair<double, double>> line_of(const Path& path) {
 
 // Bearing of a board's edge from the camera [rad], positive to the left.
 double edge_bearing(const Pose2& T_board_base, const ViewWish& view, double edge) {
-  const Pose2 camera = T_board_base * Pose2{view.camera_ahead, 0.0, 0.0};
+  const Pose2 camera = T_board_base * Pose2{view.camera_ahead, 0.0, view.camera_yaw};
   const double c = std::cos(camera.yaw);
   const double s = std::sin(camera.yaw);
   return std::atan2(camera.x * s + (edge - camera.y) * c, -camera.x * c + (edge - camera.y) * s);
 }
 
-void draw_robot(std::string& svg, const Diagram& map, const Pose2& pose, const PlanScene& scene, const char* style) {
-  std::vector<std::pair<double, double>> outline;
-  const double half = 0.5 * scene.robot_width;
+std::vector<std::pair<double, double>> outline(const Pose2& pose, const Footprint& robot) {
+  std::vector<std::pair<double, double>> corners;
+  const double half = 0.5 * robot.width;
   for (const auto& [x, y] :
-       {std::pair{scene.robot_ahead, half}, std::pair{-scene.robot_behind, half}, std::pair{-scene.robot_behind, -half},
-        std::pair{scene.robot_ahead, -half}, std::pair{scene.robot_ahead, half}}) {
+       {std::pair{robot.ahead, half}, std::pair{-robot.behind, half}, std::pair{-robot.behind, -half},
+        std::pair{robot.ahead, -half}, std::pair{robot.ahead, half}}) {
     const Pose2 corner = pose * Pose2{x, y, 0.0};
-    outline.emplace_back(corner.x, corner.y);
+    corners.emplace_back(corner.x, corner.y);
   }
-  map.line(svg, outline, style);
+  return corners;
 }
 
-void draw_map(std::string& svg, const DockingPlan* plan, const PlanScene& scene, const Box& box) {
+/// Everything that the robot's outline covers on its way: outlines close together in one colour.
+void draw_sweep(std::string& svg, const Diagram& map, const DockingPlan& plan, const PlanScene& scene, const Box& box) {
+  constexpr int outlines = 160;
+  svg += format("<clipPath id='map'><rect x='%.1f' y='%.1f' width='%.1f' height='%.1f'/></clipPath>\n", box.left,
+                box.top, box.width, box.height);
+  svg += "<g clip-path='url(#map)'><path fill='#f6e7d2' d='";
+  for (int i = 0; i <= outlines; ++i) {
+    const Pose2 pose = point_at(plan.path, plan.length * i / outlines).pose;
+    const char* command = "M";
+    for (const auto& [x, y] : outline(pose, scene.keep_out.footprint)) {
+      svg += format("%s%.1f %.1f", command, map.px(x), map.py(y));
+      command = "L";
+    }
+    svg += "Z";
+  }
+  svg += "'/></g>\n";
+}
+
+void draw_map(std::string& svg, const DockingPlan* plan, const std::vector<Candidate>& candidates,
+              const PlanScene& scene, const Box& box) {
   // What must be seen: start, goal, board, the way; Reeds-Shepp words only as far as they stay near.
   double x_low = std::min({scene.start.x, scene.goal.x, scene.board.x});
   double x_high = std::max({scene.start.x, scene.goal.x, scene.board.x});
@@ -171,28 +190,30 @@ void draw_map(std::string& svg, const DockingPlan* plan, const PlanScene& scene,
   const double y_middle = 0.5 * (y_low + y_high);
   const Diagram map(box, x_middle - 0.5 * box.width / metre, x_middle + 0.5 * box.width / metre,
                     y_middle - 0.5 * box.height / metre, y_middle + 0.5 * box.height / metre);
+  if (plan != nullptr) draw_sweep(svg, map, *plan, scene, box);
   map.axes(svg, "x [m], towards the wall", "y [m], left");
   const Pose2 left_edge = scene.board * Pose2{0.0, scene.view.board_half_width, 0.0};
   const Pose2 right_edge = scene.board * Pose2{0.0, -scene.view.board_half_width, 0.0};
   const Pose2 wall_left = scene.board * Pose2{0.05, 20.0, 0.0};
   const Pose2 wall_right = scene.board * Pose2{0.05, -20.0, 0.0};
   map.line(svg, {{wall_left.x, wall_left.y}, {wall_right.x, wall_right.y}}, "stroke='#9a9a9a' stroke-width='5'");
-  for (const Polygon& polygon : scene.keep_out) {
+  for (const Polygon& polygon : scene.keep_out.polygons) {
     std::vector<std::pair<double, double>> line;
     for (const Corner& corner : polygon) line.emplace_back(corner.x, corner.y);
     if (!line.empty()) line.push_back(line.front());
     map.line(svg, line, "stroke='#8a1a1a' stroke-width='2' stroke-dasharray='6 3'");
   }
+  for (auto candidate = candidates.rbegin(); candidate != candidates.rend(); ++candidate) {
+    if (!candidate->solved) continue;
+    const bool forward = candidate->verdict.find(", but its ") != std::string::npos;
+    map.line(svg, line_of(candidate->word.path(scene.start, scene.limits.max_curvature)),
+             forward ? "stroke='#7ba5d3' stroke-width='1.2'" : "stroke='#cccccc' stroke-width='0.8'");
+  }
   if (plan != nullptr) {
-    for (auto candidate = plan->candidates.rbegin(); candidate != plan->candidates.rend(); ++candidate) {
-      const bool forward = candidate->verdict.starts_with("forward");
-      map.line(svg, line_of(candidate->word.path(scene.start, scene.limits.max_curvature)),
-               forward ? "stroke='#7ba5d3' stroke-width='1.2'" : "stroke='#cccccc' stroke-width='0.8'");
-    }
     constexpr int outlines = 9;
     for (int i = 1; i < outlines; ++i)
-      draw_robot(svg, map, point_at(plan->path, plan->length * i / outlines).pose, scene,
-                 "stroke='#dfb98a' stroke-width='0.8'");
+      map.line(svg, outline(point_at(plan->path, plan->length * i / outlines).pose, scene.keep_out.footprint),
+               "stroke='#dfb98a' stroke-width='0.8'");
     // The way in alternating shades, so that segments can be told apart; reverse in red.
     Pose2 at = plan->path.start;
     int index = 0;
@@ -207,10 +228,10 @@ void draw_map(std::string& svg, const DockingPlan* plan, const PlanScene& scene,
       ++index;
     }
   }
-  draw_robot(svg, map, scene.start, scene, "stroke='#2a7a3a' stroke-width='1.6'");
-  draw_robot(svg, map, scene.goal, scene, "stroke='#7a2a7a' stroke-width='1.6'");
+  map.line(svg, outline(scene.start, scene.keep_out.footprint), "stroke='#2a7a3a' stroke-width='1.6'");
+  map.line(svg, outline(scene.goal, scene.keep_out.footprint), "stroke='#7a2a7a' stroke-width='1.6'");
   for (const auto& [pose, colour] : {std::pair{scene.start, "#2a7a3a"}, std::pair{scene.goal, "#7a2a7a"}}) {
-    const Pose2 nose = pose * Pose2{scene.robot_ahead, 0.0, 0.0};
+    const Pose2 nose = pose * Pose2{scene.keep_out.footprint.ahead, 0.0, 0.0};
     map.line(svg, {{pose.x, pose.y}, {nose.x, nose.y}}, format("stroke='%s' stroke-width='2'", colour).c_str());
     svg += format("<circle cx='%.1f' cy='%.1f' r='4' fill='%s'/>", map.px(pose.x), map.py(pose.y), colour);
   }
@@ -256,6 +277,22 @@ void draw_bearing(std::string& svg, const DockingPlan& plan, const PlanScene& sc
   diagram.line(svg, right, "stroke='#2a8f8f' stroke-width='1.8'");
 }
 
+void draw_speed(std::string& svg, const DockingPlan& plan, const TimeLaw& law, const Box& box) {
+  std::vector<std::pair<double, double>> line;
+  double driven = 0.0;
+  double fastest = 0.0;
+  const double step = 0.25 * law.period;
+  for (double time = 0.0; time <= law.duration(); time += step) {
+    const double speed = std::abs(twist_at(plan.path, law, time).linear);
+    line.emplace_back(driven, speed);
+    fastest = std::max(fastest, speed);
+    driven += step * std::abs(twist_at(plan.path, law, time + 0.5 * step).linear);
+  }
+  const Diagram diagram(box, 0.0, plan.length, 0.0, 1.15 * fastest);
+  diagram.axes(svg, "driven length [m]", format("speed [m/s]; %.2f s in all", law.duration()).c_str());
+  diagram.line(svg, line, "stroke='#5a3a9a' stroke-width='1.8'");
+}
+
 }  // namespace
 
 std::string plan_picture(const DockingPlanResult& result, const PlanScene& scene) {
@@ -264,14 +301,23 @@ std::string plan_picture(const DockingPlanResult& result, const PlanScene& scene
       "<svg xmlns='http://www.w3.org/2000/svg' width='1280' height='720' viewBox='0 0 1280 720'>\n"
       "<rect width='1280' height='720' fill='#ffffff'/>\n<g font-family='DejaVu Sans, sans-serif' fill='#222222'>\n";
   svg += "<text x='60' y='30' font-size='17'>" + escaped(scene.title) + "</text>\n";
-  draw_map(svg, plan, scene, {60.0, 70.0, 640.0, 590.0});
+  const auto* refused = std::get_if<PlanRefusal>(&result);
+  const std::vector<Candidate> none;
+  draw_map(svg, plan,
+           plan != nullptr      ? plan->candidates
+           : refused != nullptr ? refused->candidates
+                                : none,
+           scene, {60.0, 70.0, 640.0, 590.0});
   if (plan != nullptr && plan->length > 0.0) {
-    draw_curvature(svg, *plan, scene, {780.0, 70.0, 460.0, 240.0});
-    draw_bearing(svg, *plan, scene, {780.0, 400.0, 460.0, 260.0});
+    const double height = scene.law ? 135.0 : 240.0;
+    const double pitch = height + 90.0;
+    draw_curvature(svg, *plan, scene, {780.0, 70.0, 460.0, height});
+    draw_bearing(svg, *plan, scene, {780.0, 70.0 + pitch, 460.0, height});
+    if (scene.law) draw_speed(svg, *plan, *scene.law, {780.0, 70.0 + 2.0 * pitch, 460.0, height});
     svg +=
-        "<text x='60' y='712' font-size='11'>black: straight, orange: turn, red: reverse, blue: Reeds-Shepp words "
-        "driven "
-        "forward, grey: with direction changes; green: start, violet: goal</text>\n";
+        "<text x='60' y='712' font-size='11'>black: straight, orange: turn, red: reverse, blue: Reeds-Shepp words that "
+        "would do but for their jumps of curvature, grey: the others; green: start, violet: goal; shaded: "
+        "swept</text>\n";
   } else if (const auto* refusal = std::get_if<PlanRefusal>(&result)) {
     double y = 90.0;
     std::string text = refusal->sentence + (refusal->cure.empty() ? "" : ". To cure it: " + refusal->cure);

@@ -12,6 +12,10 @@ constexpr double none = std::numeric_limits<double>::infinity();
 constexpr int headings = 64;  // first look; windows narrower than 2 pi / 64 are searched where the scan comes close
 constexpr double spacing = 2.0 * pi / headings;
 constexpr double golden = 0.3819660112501051;
+// How far a search narrows its interval. At a smooth minimum a thousandth leaves 1e-7 of the length; where the minimum
+// is the heading at which a straight is gone, that heading is found by itself afterwards, else the search goes on.
+constexpr double roughly = 1e-3;
+constexpr double closely = 1e-5;
 
 }  // namespace
 
@@ -42,7 +46,9 @@ ForwardFamily::ForwardFamily(const Pose2& goal, const TurnShape& shape, const St
       cos_half_goal_(std::cos(0.5 * goal.yaw)),
       sin_half_goal_(std::sin(0.5 * goal.yaw)),
       x_(goal.x - straights.initial - straights.final * cos_goal_),
-      y_(goal.y - straights.final * sin_goal_) {}
+      y_(goal.y - straights.final * sin_goal_),
+      longest_(detour_factor *
+               (std::hypot(goal.x, goal.y) + straights.initial + straights.final + 2.0 * shape.length(full_circle))) {}
 
 ForwardFamily::Trial ForwardFamily::attempt(const Direction& heading) const {
   Trial trial;
@@ -54,6 +60,7 @@ ForwardFamily::Trial ForwardFamily::attempt(const Direction& heading) const {
     second -= std::copysign(2.0 * pi, second);
     side = -1.0;
   }
+  if (std::abs(first) > pi || std::abs(first) + std::abs(second) - std::abs(goal_.yaw) > pi) return trial;
   const double ch = heading.cos_half;
   const double sh = heading.sin_half;
   // Half of the second deflection and the direction of its chord, by the addition theorems.
@@ -78,13 +85,12 @@ ForwardFamily::Trial ForwardFamily::attempt(const Direction& heading) const {
     const double a = one / determinant;
     const double b = other / determinant;
     trial.excess = std::max(trial.excess, std::min(a, b));
-    if (a < 0.0 || b < 0.0 || !(a + b < best)) return;
+    if (a < 0.0 || b < 0.0 || !(a + b < best) || a + b > longest_) return;
     best = a + b;
     trial.path = {straights_.initial, first, 0.0, second, straights_.final, 0.0};
     to_one += a;
     to_other += b;
   };
-  if (std::abs(first) > pi || std::abs(first) + std::abs(second) - std::abs(goal_.yaw) > pi) return trial;
   consider(sin_second, toward_goal, -toward_middle, trial.path.middle, trial.path.final);
   consider(sin_goal_, toward_goal, y, trial.path.initial, trial.path.final);
   consider(s, toward_middle, y, trial.path.initial, trial.path.middle);
@@ -147,6 +153,58 @@ std::optional<ForwardPath> ForwardFamily::finished(const Trial& trial) const {
   return path;
 }
 
+/// The shortest path often has one free straight only, where the search stops a hair before: a straight of micrometres
+/// that nobody can drive. The heading at which it is gone is found by secants, to rounding; none where that does not
+/// come out.
+std::optional<ForwardPath> ForwardFamily::tidied(const ForwardPath& path) const {
+  const std::array<double, 3> free = {path.initial - straights_.initial, path.middle, path.final - straights_.final};
+  const double tiny = 1e-3 * path.length;
+  std::size_t only = 3;
+  int tiny_ones = 0;
+  for (std::size_t i = 0; i < 3; ++i) {
+    if (free[i] > tiny)
+      only = only == 3 ? i : 4;
+    else if (free[i] > 0.0)
+      ++tiny_ones;
+  }
+  if (only > 2 || tiny_ones != 1) return std::nullopt;
+  const double turns = path.first + path.second;
+  struct At {
+    double across, along;  // what is open to the goal, in the frame of the straight that stays
+  };
+  const auto open = [&](double first) {
+    const double second = turns - first;
+    const double chord_first = shape_.chord(first);
+    const double chord_second = shape_.chord(second);
+    const double x = x_ - chord_first * std::cos(0.5 * first) - chord_second * std::cos(first + 0.5 * second);
+    const double y = y_ - chord_first * std::sin(0.5 * first) - chord_second * std::sin(first + 0.5 * second);
+    const double heading = only == 0 ? 0.0 : only == 1 ? first : goal_.yaw;
+    const double c = std::cos(heading);
+    const double s = std::sin(heading);
+    return At{c * y - s * x, c * x + s * y};
+  };
+  const double enough =
+      2.0 * std::numeric_limits<double>::epsilon() * (std::abs(goal_.x) + std::abs(goal_.y) + path.length);
+  double first = path.first;
+  double before = path.first + 1e-7;
+  At now = open(first);
+  double across_before = open(before).across;
+  for (int i = 0; i < 12 && std::abs(now.across) > enough && now.across != across_before; ++i) {
+    const double next = first - now.across * (first - before) / (now.across - across_before);
+    if (!(std::abs(next - path.first) < 0.1)) return std::nullopt;
+    before = first;
+    across_before = now.across;
+    first = next;
+    now = open(first);
+  }
+  ForwardPath tidy{straights_.initial, first, 0.0, turns - first, straights_.final, 0.0};
+  (only == 0 ? tidy.initial : only == 1 ? tidy.middle : tidy.final) += now.along;
+  tidy.length = tidy.initial + tidy.middle + tidy.final + shape_.length(tidy.first) + shape_.length(tidy.second);
+  // The search knows the shortest length to a millionth.
+  const bool fine = std::abs(now.across) <= enough && now.along > tiny && tidy.length <= path.length * (1.0 + 1e-6);
+  return fine ? std::optional(tidy) : std::nullopt;
+}
+
 std::optional<ForwardPath> ForwardFamily::at(double heading) const {
   if (!(std::abs(heading) <= pi)) return std::nullopt;
   return finished(attempt(Direction::at(heading)));
@@ -164,9 +222,9 @@ void ForwardFamily::scan(const Visit& visit) const {
   for (const Direction& direction : table.at) visit(attempt(direction));
 }
 
-ForwardFamily::Trial ForwardFamily::shortest_between(double low, Trial middle, double high) const {
+ForwardFamily::Trial ForwardFamily::shortest_between(double low, Trial middle, double high, double share) const {
   // Golden section on the length; outside a window of feasible headings it is infinite, which only narrows the search.
-  const double enough = 1e-5 * (high - low) + 4e-16 * std::abs(middle.heading);
+  const double enough = share * (high - low) + 4e-16 * std::abs(middle.heading);
   for (int i = 0; i < 48 && high - low > enough; ++i) {
     const bool right = high - middle.heading > middle.heading - low;
     const double angle =
@@ -190,7 +248,7 @@ std::optional<ForwardFamily::Trial> ForwardFamily::narrow_window(double low, Tri
     const double angle =
         right ? middle.heading + golden * (b - middle.heading) : middle.heading - golden * (middle.heading - a);
     const Trial next = attempt(Direction::at(angle));
-    if (next.cost < none) return shortest_between(a, next, b);
+    if (next.cost < none) return shortest_between(a, next, b, closely);
     if (next.excess > middle.excess) {
       (right ? a : b) = middle.heading;
       middle = next;
@@ -222,7 +280,7 @@ std::optional<ForwardPath> ForwardFamily::shortest(bool thorough) const {
     if (i > 0 && trials[i - 1].cost < trials[i].cost) continue;
     if (i + 1 < count && trials[i + 1].cost < trials[i].cost) continue;
     const double heading = trials[i].heading;
-    const Trial trial = shortest_between(heading - spacing, trials[i], heading + spacing);
+    const Trial trial = shortest_between(heading - spacing, trials[i], heading + spacing, roughly);
     if (trial.cost < shortest.cost) shortest = trial;
   }
   // One turn only: exactly the heading of the start or of the goal. There the length has a cusp, because ramps of small
@@ -234,11 +292,18 @@ std::optional<ForwardPath> ForwardFamily::shortest(bool thorough) const {
       const Trial beside = attempt(Direction::at(angle + step));
       if (!(beside.cost < 1.002 * shortest.cost)) continue;
       const Trial best_beside =
-          shortest_between(std::min(angle, angle + 3.0 * step), beside, std::max(angle, angle + 3.0 * step));
+          shortest_between(std::min(angle, angle + 3.0 * step), beside, std::max(angle, angle + 3.0 * step), roughly);
       if (best_beside.cost < shortest.cost) shortest = best_beside;
     }
   }
-  if (std::optional<ForwardPath> path = finished(shortest)) return path;
+  if (std::optional<ForwardPath> path = finished(shortest)) {
+    if (const std::optional<ForwardPath> tidy = tidied(*path)) return tidy;
+    const double around = 4.0 * roughly * spacing;
+    const Trial closer =
+        shortest_between(shortest.heading - around, shortest, shortest.heading + around, closely / roughly);
+    if (const std::optional<ForwardPath> closest = finished(closer)) path = closest;
+    return tidied(*path).value_or(*path);
+  }
   if (!thorough) return std::nullopt;
 
   // Nothing yet: look closer where the scan came nearest to a path, and ever closer around the start's and the goal's
@@ -246,7 +311,7 @@ std::optional<ForwardPath> ForwardFamily::shortest(bool thorough) const {
   std::optional<ForwardPath> found;
   const auto keep = [&](const std::optional<Trial>& trial) {
     if (!trial || (found && trial->cost >= found->length)) return;
-    if (const std::optional<ForwardPath> path = finished(*trial)) found = path;
+    if (const std::optional<ForwardPath> path = finished(*trial)) found = tidied(*path).value_or(*path);
   };
   for (std::size_t i = 0; i < count; ++i) {
     const double before = i > 0 ? trials[i - 1].excess : -none;
@@ -273,7 +338,7 @@ std::optional<ForwardPath> ForwardFamily::shortest(bool thorough) const {
       const double low = centre + (side > 0.0 ? 0.25 : -4.0) * at;
       const double high = centre + (side > 0.0 ? 4.0 : -0.25) * at;
       if (nearest.cost < none)
-        keep(shortest_between(low, nearest, high));
+        keep(shortest_between(low, nearest, high, closely));
       else
         keep(narrow_window(low, nearest, high));
     }
@@ -281,14 +346,20 @@ std::optional<ForwardPath> ForwardFamily::shortest(bool thorough) const {
   return found;
 }
 
-void write_path(const Pose2& start, const ForwardPath& forward, const TurnShape& shape, Path& path) {
+double ForwardFamily::lacking() const {
+  double most = -none;
+  scan([&](const Trial& trial) { most = std::max(most, trial.excess); });
+  return -most;
+}
+
+void write_path(const Pose2& start, const ForwardPath& forward, const TurnShape& shape, Path& path, int direction) {
   path.start = start;
   path.segments.clear();
-  append_straight(path.segments, forward.initial);
-  shape.append(path.segments, forward.first, 1);
-  append_straight(path.segments, forward.middle);
-  shape.append(path.segments, forward.second, 1);
-  append_straight(path.segments, forward.final);
+  append_straight(path.segments, direction * forward.initial);
+  shape.append(path.segments, direction * forward.first, direction);
+  append_straight(path.segments, direction * forward.middle);
+  shape.append(path.segments, direction * forward.second, direction);
+  append_straight(path.segments, direction * forward.final);
 }
 
 double heading_difference(double from, double to) {

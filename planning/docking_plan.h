@@ -7,25 +7,13 @@
 #include <vector>
 
 #include "planning/arc_approximation.h"
+#include "planning/board_view.h"
 #include "planning/clothoid.h"
 #include "planning/keep_out.h"
 #include "planning/manoeuvre.h"
 #include "planning/reeds_shepp.h"
 
 namespace tagdock {
-
-/// What the camera must keep in view on the whole way.
-struct ViewWish {
-  Pose2 T_station_board;                   ///< foot of the board, x into the wall: by definition the station's origin
-  double horizontal_view = radians(55.0);  ///< full angle of the lens [rad]
-  double margin = radians(1.0);            ///< kept free at both sides of the image [rad]
-  double camera_ahead = 0.35;              ///< camera before the axle, looking forward [m]
-  double board_half_width = 0.2;           ///< farthest tag corner from the board's centre [m]
-  double min_range = 0.0;                  ///< camera to board centre [m]
-  double max_range = 8.0;                  ///< [m]
-
-  bool operator==(const ViewWish&) const = default;
-};
 
 struct DockingPlanConfig {
   TurnLimits limits;
@@ -35,8 +23,13 @@ struct DockingPlanConfig {
   double softness = 0.05;        ///< how much longer than the shortest a softer path may be, as a fraction; 0: shortest
   std::optional<ViewWish> view;  ///< keep the board in view; none: not asked for
   KeepOut keep_out;              ///< what the robot must not touch; empty: nothing
-  bool find_cures = true;        ///< work out what would make a refused question drivable; costs most of a refusal
+  bool find_cures = true;        ///< work out by how much a question is refused and what would make it drivable;
+                                 ///< costs most of a refusal
   bool list_candidates = true;   ///< give every Reeds-Shepp word with the reason why it was not taken
+  bool reverse = false;          ///< drive the whole path backwards: leave a dock, or dock with the back
+  /// Only with arcs: every segment a whole multiple of about this length [m], the way driven in one control period at
+  /// constant speed; 0: not asked for.
+  double period_length = 0.0;
 
   bool operator==(const DockingPlanConfig&) const = default;
 };
@@ -45,29 +38,33 @@ struct DockingPlanConfig {
 enum class NoPlan {
   not_finite,       ///< a pose or a limit is NaN or infinite
   too_large,        ///< a pose or limit is outside of what can be computed exactly
-  bad_limit,        ///< a limit is zero, negative or denormal
+  bad_limit,        ///< a limit is zero, negative or denormal, or a wish makes no sense
   no_room,          ///< no path within the limits without a loop
   tag_out_of_view,  ///< every path within the limits loses the board
   keep_out,         ///< every path within the limits (and the view) comes too near to what must not be touched
-  not_exact         ///< numerically too close to singular to hit the goal to rounding
+  not_exact,        ///< numerically too close to singular to hit the goal to rounding
+  bad_incidence     ///< where yaw is measured, no tag is seen between the angles that are good for it
 };
 /// The status word of `tagdock plan`, for example "no_room".
 std::string_view word(NoPlan reason);
 
+/// A Reeds-Shepp word with the reason why it is not driven.
+struct Candidate {
+  ReedsSheppWord word;
+  bool solved = false;  ///< does the word connect the poses at all? Otherwise it has no lengths.
+  /// Why it is not driven, for example "2 direction changes, 5 segments, curvature jumps by 1.25 1/m".
+  std::string verdict;
+};
+
 struct PlanRefusal {
   NoPlan reason = NoPlan::no_room;
-  std::string sentence;  ///< which limit, by how much, for a person
-  std::string cure;      ///< the smallest change that makes it drivable; empty if none of those tried does
+  std::string sentence;               ///< which limit, by how much, for a person
+  std::string cure;                   ///< the smallest change that makes it drivable; empty if none of those tried does
+  std::vector<Candidate> candidates;  ///< as of a plan; empty where the question itself is wrong
 };
 
 /// Start and goal are the same pose to rounding: nothing to drive.
 struct AlreadyThere {};
-
-/// A Reeds-Shepp word with the reason why it is not driven.
-struct Candidate {
-  ReedsSheppWord word;
-  std::string verdict;  ///< "forward only, would do with curvature jumps" or why not
-};
 
 struct DockingPlan {
   Path path;
@@ -76,14 +73,43 @@ struct DockingPlan {
   double peak_curvature = 0.0;   ///< [1/m]
   double sharpness = 0.0;        ///< of the ramps, before they become arcs [1/m^2]
   double largest_bearing = 0.0;  ///< farthest board edge from the optical axis on the way [rad]; 0 without a view wish
-  std::vector<Candidate> candidates;
+  double period_length = 0.0;    ///< of which every segment is a whole multiple [m]; 0: not asked for
+  std::vector<Candidate> candidates;  ///< all 48, those that connect the poses first, by length
 };
 
 using DockingPlanResult = std::variant<DockingPlan, AlreadyThere, PlanRefusal>;
 
+/// Plans again and again into the same memory: after the first answers nothing is allocated, unless candidates or cures
+/// are asked for.
+class DockingPlanner {
+ public:
+  DockingPlanner();
+  /// As plan_docking. The result stays until the next question.
+  const DockingPlanResult& plan(const Pose2& start, const Pose2& goal, const DockingPlanConfig& config);
+  /// As plan_manoeuvre.
+  const DockingPlanResult& manoeuvre(const Pose2& start, const Pose2& goal, const DockingPlanConfig& config,
+                                     Driving driving);
+  /// Hand the last result out.
+  DockingPlanResult take() { return std::move(result_); }
+
+ private:
+  DockingPlan& fresh_plan();
+  PlanRefusal& fresh_refusal();
+  void recycle();
+
+  DockingPlanResult result_ = AlreadyThere{};
+  // Memory of earlier answers.
+  Path spare_path_;
+  Path scratch_;
+  std::string spare_sentence_;
+  std::string spare_cure_;
+};
+
 /// A forward path for docking: straight, turn, straight, turn, straight, curvature zero at both ends, exact at the
-/// goal. The softest (least sharpness and curvature) whose length stays within (1 + softness) of the shortest, that
-/// keeps the board in view if asked to; or why there is none, and what would help.
+/// goal. The softest (least sharpness and curvature) whose length stays within (1 + softness) of the shortest, with one
+/// turn instead of two where that is hardly sharper, that keeps the board in view, its tags well seen and its distance
+/// from what must not be touched if asked to; or why there is none, and what would help. With `reverse` the same paths,
+/// driven backwards.
 /// @param start, goal  poses of the axle (base) in the station frame
 DockingPlanResult plan_docking(const Pose2& start, const Pose2& goal, const DockingPlanConfig& config);
 
@@ -95,15 +121,10 @@ DockingPlanResult plan_manoeuvre(const Pose2& start, const Pose2& goal, const Do
 /// Poses and limits checked before anything is computed; none if they are fine.
 std::optional<PlanRefusal> refuse_input(const Pose2& start, const Pose2& goal, const TurnLimits& limits);
 
+/// Wishes checked before anything is computed; none if they are fine.
+std::optional<PlanRefusal> refuse_wishes(const DockingPlanConfig& config);
+
 /// Start and goal cannot be told apart, to the rounding of their coordinates.
 bool already_there(const Pose2& start, const Pose2& goal);
-
-/// Bearing of the board's edge that is farther from the optical axis [rad], for a robot at T_station_base; above half
-/// the view, the board is not whole in the image. Behind the camera counts as pi.
-double board_bearing(const Pose2& T_station_base, const ViewWish& view);
-
-/// Does the board stay in view along a path? Checked in steps that the bearing cannot outrun, down to 1 mm.
-/// @param largest  receives the largest bearing met [rad]
-bool keeps_view(const Path& path, const ViewWish& view, double& largest);
 
 }  // namespace tagdock

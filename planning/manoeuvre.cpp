@@ -25,8 +25,10 @@ Vector operator*(double f, const Vector& a) { return {f * a.x, f * a.y}; }
 /// The best few manoeuvres so far, by length; more than one in case rounding spoils the first.
 class Shortlist {
  public:
+  /// @param longest  way that is not yet a detour [m]: nearly parallel straights meet far away
+  explicit Shortlist(double longest) : longest_(longest) {}
   void add(const Manoeuvre& manoeuvre) {
-    if (!(manoeuvre.length < worst())) return;
+    if (!(manoeuvre.length < worst()) || manoeuvre.length > longest_) return;
     std::size_t place = count_ < kept_.size() ? count_++ : kept_.size() - 1;
     for (; place > 0 && kept_[place - 1].length > manoeuvre.length; --place) kept_[place] = kept_[place - 1];
     kept_[place] = manoeuvre;
@@ -39,6 +41,7 @@ class Shortlist {
  private:
   std::array<Manoeuvre, 4> kept_;
   std::size_t count_ = 0;
+  double longest_;
 };
 
 struct Search {
@@ -47,7 +50,7 @@ struct Search {
   Driving driving;
   Vector offset{goal.x, goal.y};
   Vector goal_direction = direction(goal.yaw);
-  Shortlist found{};
+  Shortlist found{detour_factor * (std::hypot(goal.x, goal.y) + 2.0 * shape.length(full_circle))};
 
   void set_length(Manoeuvre& manoeuvre) const {
     manoeuvre.length = 0.0;

@@ -1,6 +1,7 @@
 #include "planning/reeds_shepp.h"
 
 #include <limits>
+#include <string_view>
 
 #include "planning/clothoid.h"
 
@@ -25,10 +26,32 @@ struct Reading {
   bool backward;
 };
 
+/// The formulas of section 8: shape, signs of a solution's angles, and whether reading it from the end gives new words.
+struct Formula {
+  const char* turns;
+  std::array<double, 5> signs;
+  bool backward;
+};
+enum { csc_same, csc_opposite, c_c_c, c_cc, c_csc_same, c_csc_opposite, cc_cc, c_cc_c, c_csc_c };
+constexpr std::array<Formula, 9> formulas = {{{"LSL", {1.0, 1.0, 1.0}, false},
+                                              {"LSR", {1.0, 1.0, 1.0}, false},
+                                              {"LRL", {1.0, -1.0, 1.0}, false},
+                                              {"LRL", {1.0, -1.0, -1.0}, true},
+                                              {"LRSL", {1.0, -1.0, -1.0, -1.0}, true},
+                                              {"LRSR", {1.0, -1.0, -1.0, -1.0}, true},
+                                              {"LRLR", {1.0, 1.0, -1.0, -1.0}, false},
+                                              {"LRLR", {1.0, -1.0, -1.0, 1.0}, false},
+                                              {"LRSLR", {1.0, -1.0, -1.0, -1.0, 1.0}, false}}};
+
+int number_of(int formula, const Reading& reading) {
+  return 8 * formula + (reading.drive < 0.0 ? 4 : 0) + (reading.side < 0.0 ? 2 : 0) + (reading.backward ? 1 : 0);
+}
+
 /// Reads a formula's solution into a word.
-void read_word(const Reading& reading, int pieces, const char* turns, const std::array<double, 5>& angles,
+void read_word(int formula, const Reading& reading, int pieces, const char* turns, const std::array<double, 5>& angles,
                double radius, ReedsSheppWord& word) {
   word = {};
+  word.number = number_of(formula, reading);
   word.pieces = pieces;
   for (int i = 0; i < pieces; ++i) {
     const auto from = static_cast<std::size_t>(reading.backward ? pieces - 1 - i : i);
@@ -45,24 +68,27 @@ struct Everything {
   ReedsSheppWords& found;
   double radius;
 
-  void add(const Reading& reading, int pieces, const char* turns, const std::array<double, 5>& angles) {
-    read_word(reading, pieces, turns, angles, radius, found.words[static_cast<std::size_t>(found.count++)]);
+  void add(int formula, const Reading& reading, int pieces, const char* turns, const std::array<double, 5>& angles) {
+    read_word(formula, reading, pieces, turns, angles, radius, found.words[static_cast<std::size_t>(found.count++)]);
   }
 };
 
 /// Keeps the shortest word only, as its formula gave it.
 struct Shortest {
+  int formula = 0;
   Reading reading{1.0, 1.0, false};
   int pieces = 0;
   const char* turns = "";
   std::array<double, 5> angles{};
   double turned = std::numeric_limits<double>::infinity();
 
-  void add(const Reading& new_reading, int new_pieces, const char* new_turns, const std::array<double, 5>& new_angles) {
+  void add(int new_formula, const Reading& new_reading, int new_pieces, const char* new_turns,
+           const std::array<double, 5>& new_angles) {
     double sum = 0.0;
     for (const double angle : new_angles) sum += std::abs(angle);
     if (!(sum < turned)) return;
     turned = sum;
+    formula = new_formula;
     reading = new_reading;
     pieces = new_pieces;
     turns = new_turns;
@@ -99,19 +125,19 @@ void same_side(const Query& q, const Reading& reading, Collector& out) {
   const double angle = std::atan2(eta, xi);
   if (!reading.backward) {  // 8.1: C S C
     const double t = forward_angle(angle);
-    out.add(reading, 3, "LSL", {t, distance, forward_angle(q.yaw - t)});
+    out.add(csc_same, reading, 3, "LSL", {t, distance, forward_angle(q.yaw - t)});
   }
   if (distance <= 4.0) {  // 8.3, 8.4: C | C | C and C | C C
     const double u = -2.0 * std::asin(0.25 * distance);
     const double t = forward_angle(angle + 0.5 * u + pi);
-    if (!reading.backward) out.add(reading, 3, "LRL", {t, u, forward_angle(q.yaw - t + u)});
-    out.add(reading, 3, "LRL", {t, u, reverse_angle(q.yaw - t + u)});
+    if (!reading.backward) out.add(c_c_c, reading, 3, "LRL", {t, u, forward_angle(q.yaw - t + u)});
+    out.add(c_cc, reading, 3, "LRL", {t, u, reverse_angle(q.yaw - t + u)});
   }
   if (distance >= 2.0) {  // 8.9: C | C(pi/2) S C
     const double r = std::sqrt((distance - 2.0) * (distance + 2.0));
     if (r >= 2.0) {
       const double t = forward_angle(angle + std::atan2(r, -2.0));
-      out.add(reading, 4, "LRSL", {t, -0.5 * pi, 2.0 - r, reverse_angle(q.yaw - 0.5 * pi - t)});
+      out.add(c_csc_same, reading, 4, "LRSL", {t, -0.5 * pi, 2.0 - r, reverse_angle(q.yaw - 0.5 * pi - t)});
     }
   }
 }
@@ -127,29 +153,29 @@ void opposite_side(const Query& q, const Reading& reading, Collector& out) {
     const double r = std::sqrt((distance - 2.0) * (distance + 2.0));
     if (!reading.backward) {  // 8.2: C S C
       const double t = forward_angle(std::atan2(eta, xi) + std::atan2(2.0, r));
-      out.add(reading, 3, "LSR", {t, r, forward_angle(t - q.yaw)});
+      out.add(csc_opposite, reading, 3, "LSR", {t, r, forward_angle(t - q.yaw)});
       if (r >= 4.0) {  // 8.11: C | C(pi/2) S C(pi/2) | C
         const double u = 4.0 - r;
         const double first = forward_angle(std::atan2(r * xi - 2.0 * eta, -2.0 * xi - r * eta));
-        out.add(reading, 5, "LRSLR", {first, -0.5 * pi, u, -0.5 * pi, forward_angle(first - q.yaw)});
+        out.add(c_csc_c, reading, 5, "LRSLR", {first, -0.5 * pi, u, -0.5 * pi, forward_angle(first - q.yaw)});
       }
     }
     // 8.10: C | C(pi/2) S C
     const double t = forward_angle(std::atan2(xi, -eta));
-    out.add(reading, 4, "LRSR", {t, -0.5 * pi, 2.0 - distance, reverse_angle(t + 0.5 * pi - q.yaw)});
+    out.add(c_csc_opposite, reading, 4, "LRSR", {t, -0.5 * pi, 2.0 - distance, reverse_angle(t + 0.5 * pi - q.yaw)});
   }
   if (reading.backward) return;
   const double near = 0.25 * (2.0 + distance);
   if (near <= 1.0) {  // 8.7: C C(u) | C(u) C
     const double u = std::acos(near);
     const double t = forward_angle(first_of_four(u, -u, xi, eta));
-    out.add(reading, 4, "LRLR", {t, u, -u, reverse_angle(t - 2.0 * u - q.yaw)});
+    out.add(cc_cc, reading, 4, "LRLR", {t, u, -u, reverse_angle(t - 2.0 * u - q.yaw)});
   }
   const double far = (20.0 - squared) / 16.0;
   if (far >= 0.0 && far <= 1.0) {  // 8.8: C | C(u) C(u) | C
     const double u = -std::acos(far);
     const double t = forward_angle(first_of_four(u, u, xi, eta));
-    out.add(reading, 4, "LRLR", {t, u, u, forward_angle(t - q.yaw)});
+    out.add(c_cc_c, reading, 4, "LRLR", {t, u, u, forward_angle(t - q.yaw)});
   }
 }
 
@@ -210,6 +236,25 @@ Path ReedsSheppWord::path(const Pose2& start, double curvature) const {
   return path;
 }
 
+const std::array<ReedsSheppWord, 48>& reeds_shepp_table() {
+  static const std::array<ReedsSheppWord, 48> table = [] {
+    std::array<ReedsSheppWord, 48> all;
+    std::size_t count = 0;
+    for (std::size_t formula = 0; formula < formulas.size(); ++formula) {
+      const Formula& shape = formulas[formula];
+      const int pieces = static_cast<int>(std::string_view(shape.turns).size());
+      for (const double drive : {1.0, -1.0})
+        for (const double side : {1.0, -1.0})
+          for (const bool backward : {false, true})
+            if (!backward || shape.backward)
+              read_word(static_cast<int>(formula), {drive, side, backward}, pieces, shape.turns, shape.signs, 1.0,
+                        all.at(count++));
+    }
+    return all;
+  }();
+  return table;
+}
+
 ReedsSheppWords reeds_shepp_words(const Pose2& start, const Pose2& goal, double curvature) {
   ReedsSheppWords unsorted;
   Everything everything{unsorted, 1.0 / curvature};
@@ -232,7 +277,8 @@ ReedsSheppWord shortest_reeds_shepp(const Pose2& start, const Pose2& goal, doubl
   Shortest shortest;
   solve(start, goal, curvature, shortest);
   ReedsSheppWord word;
-  read_word(shortest.reading, shortest.pieces, shortest.turns, shortest.angles, 1.0 / curvature, word);
+  read_word(shortest.formula, shortest.reading, shortest.pieces, shortest.turns, shortest.angles, 1.0 / curvature,
+            word);
   return word;
 }
 

@@ -13,6 +13,7 @@ struct ReedsSheppWord {
   std::array<char, 5> turns{};      ///< 'L', 'S' or 'R', as the robot faces
   int pieces = 0;
   double length = 0.0;  ///< driven distance [m]
+  int number = 0;       ///< which of the 48: the same in every answer
 
   /// For example "L+R-S-L-"; "|" of the literature is a change of sign.
   [[nodiscard]] std::string name() const;
@@ -31,6 +32,9 @@ struct ReedsSheppWords {
   [[nodiscard]] const ReedsSheppWord* begin() const { return words.data(); }
   [[nodiscard]] const ReedsSheppWord* end() const { return words.data() + count; }
 };
+
+/// All 48 words, each with pieces of length one: what they are called and which way they are driven.
+const std::array<ReedsSheppWord, 48>& reeds_shepp_table();
 
 /// Every word of the 48 that has a solution between two poses. Outer arcs turn by less than a whole circle.
 /// Method: Reeds and Shepp, Pacific Journal of Mathematics 145(2), 1990, section 8 with its formulas 8.1 to 8.11.

@@ -18,6 +18,9 @@ struct TurnLimits {
 /// Largest deflection that a TurnShape knows [rad]: one whole circle.
 inline constexpr double full_circle = 2.0 * std::numbers::pi;
 
+/// A way this many times as long as the distance and two whole circles together is a detour that nobody means.
+inline constexpr double detour_factor = 4.0;
+
 /// The shape of a turn that begins and ends straight: curvature ramps up, stays, ramps down, mirror symmetric.
 /// Because of the symmetry the turn leads from its start to its end along a chord that points into half the deflection,
 /// whatever the ramp: a turn of deflection d that starts at heading h moves the robot by chord(d) * e(h + d/2).

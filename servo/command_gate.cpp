@@ -47,6 +47,10 @@ std::string_view word(Cause cause) {
       return "drifted";
     case Cause::outside_tolerance:
       return "outside tolerance";
+    case Cause::not_docked:
+      return "not docked";
+    case Cause::dock_changed:
+      return "dock changed";
     case Cause::timed_out:
       return "timed out";
     case Cause::camera_lost:

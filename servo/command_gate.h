@@ -21,6 +21,8 @@ enum class Cause {
   swinging,           ///< the heading swings about the line
   drifted,            ///< the lateral error grew on the line, or its uncertainty
   outside_tolerance,  ///< docked, but not where it should be
+  not_docked,         ///< asked to leave the dock, but not standing there
+  dock_changed,       ///< the board does not hang as it did when the docking pose was taught
   timed_out,          ///< a phase took longer than it may
   camera_lost,        ///< no frames
   camera_slow,        ///< frames are older on arrival than the rig declares

@@ -24,7 +24,7 @@ Docker::Docker(const Rig& rig, const DockingConfig& config)
     : config_(with_rig(rig, config)),
       filter_(rig, config.filter),
       gate_(config.gate),
-      phase_(first_phase(std::chrono::nanoseconds(0))),
+      phase_(first_phase(config.errand, std::chrono::nanoseconds(0))),
       declared_latency_(config.gate.declared_latency) {}
 
 std::optional<Eigen::Isometry3d> Docker::predicted_view(std::chrono::nanoseconds time) const {
@@ -148,7 +148,7 @@ TickResult Docker::tick(const Tick& tick) {
   result.next_tick = config_.segments.nominal_period;
   if (!started_) {
     started_ = tick.now;
-    phase_ = first_phase(tick.now);
+    phase_ = first_phase(config_.errand, tick.now);
   }
 
   const std::optional<Reason> fault = take_odometry(tick);

@@ -55,9 +55,16 @@ Pose2 steered_by(const PoseEstimate& estimate) {
 // The line law, no stiffer than the castors bear.
 LineLawConfig law_for(const PoseEstimate& estimate, const DockingConfig& config) {
   LineLawConfig law = config.line;
-  law.length = std::max(law.length, config.lengths_per_lag * heading_lag(estimate.castor_scrub, config.filter.castors));
+  law.lag = heading_lag(estimate.castor_scrub, config.filter.castors);
+  law.length = std::max(law.length, config.lengths_per_lag * law.lag);
   law.slow_length = std::max(law.slow_length, law.length);
   return law;
+}
+
+// What unequal wheels would turn the robot by is taken back before it happens.
+Twist2 against_pull(Twist2 command, const PoseEstimate& estimate) {
+  command.angular -= estimate.pull * command.linear;
+  return command;
 }
 
 bool is_still(const Odometry& odometry) {
@@ -89,6 +96,11 @@ Step next_attempt(const Job& job, const Reason& reason, const Inputs& inputs, co
       if (reason.sentence != next.first_cause->sentence) first.sentence += "; the last time: " + reason.sentence;
     } else if (!inputs.estimate) {
       first.sentence += "; no second attempt, since the robot does not know where it is";
+    }
+    if (config.back_off.safe_pose && inputs.estimate) {
+      next.giving_up = first;
+      next.turn_allowed = false;
+      return {BackingOff{next, inputs.now, std::nullopt}, {}, first.sentence};
     }
     return failed(next, std::move(first), std::move(fix));
   }
@@ -155,7 +167,21 @@ std::optional<Path> run_in_path(const Job& job, const Inputs& inputs, const Dock
   return Path{inputs.odometry.T_odom_base, {{config.run_in.distance, 0.0, 0.0}}};
 }
 
+// At the dock and asked to leave it.
+Step leave(const Acquiring& now, const Inputs& inputs, const DockingConfig& config, const std::string& found) {
+  const Pose2 error = between(config.dock_pose, inputs.estimate->T_station_base * camera_point(config.rig));
+  if (std::hypot(error.x, error.y) < config.undock.near && std::abs(wrap_angle(error.yaw)) < config.undock.near_yaw) {
+    Job job = now.job;
+    job.turn_allowed = false;
+    return {Undocking{job, inputs.now, std::nullopt}, {}, found};
+  }
+  return failed(now.job, {Cause::not_docked, text("the robot does not stand at the dock: %+.2f m ahead, %+.2f m to the "
+                                                  "left and %+.1f degrees off",
+                                                  error.x, error.y, degrees(wrap_angle(error.yaw)))});
+}
+
 Step acquired(const Acquiring& now, const Inputs& inputs, const DockingConfig& config, const std::string& found) {
+  if (config.errand == Errand::undock) return leave(now, inputs, config, found);
   if (const std::optional<Path> path = run_in_path(now.job, inputs, config)) {
     Job job = now.job;
     job.ran_in = true;
@@ -281,12 +307,12 @@ struct EntryCheck {
 EntryCheck entry_check(const Job& job, const PoseEstimate& estimate, const DockingConfig& config) {
   const double share = job.attempts > 1 ? config.entry.retry_share : 1.0;
   const Pose2 T_goal_base = between(goal_of_axle(config), steered_by(estimate));
-  const double length = law_for(estimate, config).length;
+  const LineLawConfig law = law_for(estimate, config);
   const double rest = -T_goal_base.x;
   const double heading = wrap_angle(T_goal_base.yaw);
-  const double left = lateral_left(T_goal_base.y, heading, std::max(0.0, rest), length);
+  const double left = lateral_left(T_goal_base.y, heading, std::max(0.0, rest), law.length, law.lag);
   // Beyond this lateral error the heading limit holds the law back, and the estimate of what is left is too good.
-  const double linear = 2.0 * length * std::tan(2.0 * config.line.min_heading);
+  const double linear = (2.0 * law.length + law.lag) * std::tan(2.0 * config.line.min_heading);
   const bool good = rest > 0.0 && std::abs(left) < share * config.entry.lateral_left &&
                     std::abs(T_goal_base.y) < linear && std::abs(heading) < share * config.entry.max_heading;
   return {good, text("%.2f m to go, %+.1f mm beside the line, %+.2f deg", rest, 1e3 * T_goal_base.y, degrees(heading))};
@@ -347,8 +373,9 @@ std::optional<Step> planned(const Validating& now, const Inputs& inputs, const D
     following.blind = blind;
     return Step{following, {}, reason};
   };
-  constexpr double nearer = 0.1;  // m, between the entries that are tried
-  const double wanted = std::max(config.entry.run_in, 4.0 * law_for(*inputs.estimate, config).length);
+  constexpr double nearer = 0.1;          // m, between the entries that are tried
+  constexpr double run_in_lengths = 4.0;  // of the law; after as many less than 10 % of an error are left
+  const double wanted = std::max(config.entry.run_in, run_in_lengths * law_for(*inputs.estimate, config).length);
   for (double run_in = wanted; run_in > config.entry.min_run_in - 1e-9; run_in -= nearer) {
     const std::variant<Path, std::string> answer = path_to(start, goal * Pose2{-run_in, 0.0, 0.0}, false, config);
     if (const Path* path = std::get_if<Path>(&answer)) {
@@ -418,7 +445,7 @@ Step step_following(const Following& before, const Inputs& inputs, const Docking
   if (inputs.now - now.since > limit) return timed_out(now, inputs, config);
 
   OdometryControllerConfig controller = config.segments;
-  if (!now.blind) controller.end_speed = 0.05;  // m/s; the line law takes over in motion
+  if (!now.blind) controller.end_speed = config.line.max_speed;  // the line law takes over in motion
   const Pose2 by_odometry = now.T_station_odom * inputs.odometry.T_odom_base;
   const Pose2 pose = config.fuse_in_segments ? steered_by(*inputs.estimate) : by_odometry;
   if (config.fuse_in_segments) {
@@ -430,7 +457,8 @@ Step step_following(const Following& before, const Inputs& inputs, const Docking
   now.follow = driven.next;
   constexpr double hand_over = 0.010;  // m before the end
   if (!now.blind && driven.remaining < hand_over) return to_servo(now, inputs, config);
-  if (!driven.arrived) return {now, driven.command, {}};
+  if (!driven.arrived)
+    return {now, config.fuse_in_segments ? against_pull(driven.command, *inputs.estimate) : driven.command, {}};
   // A blind entry was planned to end here: the back-off belongs to the same attempt.
   return {BackingOff{now.job, inputs.now, std::nullopt}, {}, "end of the path"};
 }
@@ -481,7 +509,7 @@ Step step_servoing(const Servoing& before, const Inputs& inputs, const DockingCo
     return {now, centering.value_or(Twist2{}), {}};
   }
 
-  const double left = lateral_left(line.lateral, line.heading, std::max(0.0, line.remaining), law.length);
+  const double left = lateral_left(line.lateral, line.heading, std::max(0.0, line.remaining), law.length, law.lag);
   if (std::abs(left) > config.servo.max_left) {
     return next_attempt(now.job,
                         {Cause::drifted, text("%+.1f mm beside the line with %.2f m to go, %+.1f mm would be left",
@@ -503,10 +531,25 @@ Step step_servoing(const Servoing& before, const Inputs& inputs, const DockingCo
     now.swing = {};
   }
   if (line.reached) now.reached = inputs.now;
-  return {now, line.command, {}};
+  return {now, against_pull(line.command, *inputs.estimate), {}};
 }
 
 // ---------------------------------------------------------------------------------------------------------- fixing
+
+// What is different about the board since the docking pose was taught, if anything.
+std::optional<std::string> changed_hang(const BoardHang& hang, const DockingConfig& config) {
+  if (!config.taught_hang) return std::nullopt;
+  // The robot sees itself lifted by what the board has sunk.
+  const double lowered = hang.camera_height - config.taught_hang->camera_height;
+  const double roll = hang.roll - config.taught_hang->roll;
+  const double pitch = hang.pitch - config.taught_hang->pitch;
+  if (std::abs(lowered) <= config.hang_limits.height && std::hypot(roll, pitch) <= config.hang_limits.tilt)
+    return std::nullopt;
+  return text(
+      "the board hangs %+.1f mm higher and turned by %+.2f, %+.2f degrees (roll, pitch) against when the docking "
+      "pose was taught; has it been moved? put it back or teach again",
+      -1e3 * lowered, degrees(roll), degrees(pitch));
+}
 
 Step step_fixing(const Fixing& before, const Inputs& inputs, const DockingConfig& config) {
   Fixing now = before;
@@ -528,6 +571,8 @@ Step step_fixing(const Fixing& before, const Inputs& inputs, const DockingConfig
   if (static_cast<int>(now.sightings.size()) < config.fix.sightings) return {now, {}, {}};
 
   const std::optional<Fix> fix = fix_from(now.sightings, config);
+  if (const std::optional<std::string> change = changed_hang(fix->hang, config))
+    return failed(now.job, {Cause::dock_changed, *change}, fix);
   const Eigen::Vector3d sigma = fix->covariance.diagonal().cwiseSqrt();
   const std::string found =
       text("error x %+.2f mm, y %+.2f mm, yaw %+.3f deg (sigma %.2f, %.2f mm, %.3f deg)", 1e3 * fix->error.x,
@@ -547,14 +592,16 @@ Step step_fixing(const Fixing& before, const Inputs& inputs, const DockingConfig
 
 Step step_backing_off(const BackingOff& before, const Inputs& inputs, const DockingConfig& config) {
   BackingOff now = before;
+  const bool late = inputs.now - now.since > config.back_off.timeout;
+  if (now.job.giving_up && (now.reached || late || !inputs.estimate)) return failed(now.job, *now.job.giving_up);
   if (!inputs.estimate) return acquire_again(now.job, inputs, config, "in the back-off");
-  if (inputs.now - now.since > config.back_off.timeout) return timed_out(now, inputs, config);
+  if (late) return timed_out(now, inputs, config);
   if (!now.reached) {
     const LineCommand line =
         back_along_line(line_target(now.job, config), inputs.estimate->T_station_base, config.back_off.camera_distance,
                         inputs.last_command, inputs.odometry.velocity.linear, inputs.step, config.line);
     if (line.reached) now.reached = inputs.now;
-    return {now, line.command, {}};
+    return {now, against_pull(line.command, *inputs.estimate), {}};
   }
   if (inputs.now - *now.reached < config.back_off.rest) return {now, {}, {}};
   Acquiring acquiring;
@@ -562,6 +609,26 @@ Step step_backing_off(const BackingOff& before, const Inputs& inputs, const Dock
   acquiring.job.turn_allowed = false;
   acquiring.since = acquiring.stage_since = inputs.now;
   return {acquiring, {}, text("backed off to %.2f m", camera_distance(inputs.estimate->T_station_base, config))};
+}
+
+Step step_undocking(const Undocking& before, const Inputs& inputs, const DockingConfig& config) {
+  Undocking now = before;
+  if (!inputs.estimate)
+    return failed(now.job, {Cause::pose_uncertain, "the sightings did not fit odometry any more while undocking"});
+  if (inputs.now - now.since > config.undock.timeout)
+    return failed(now.job,
+                  {Cause::timed_out, text("undocking took longer than %.0f s", seconds(config.undock.timeout))});
+  if (now.reached) {
+    if (inputs.now - *now.reached < config.back_off.rest || !is_still(inputs.odometry)) return {now, {}, {}};
+    return {Undocked{now.job},
+            {},
+            text("%.2f m before the board", camera_distance(inputs.estimate->T_station_base, config))};
+  }
+  const LineCommand line =
+      back_along_line(line_target(now.job, config), inputs.estimate->T_station_base, config.undock.camera_distance,
+                      inputs.last_command, inputs.odometry.velocity.linear, inputs.step, config.line);
+  if (line.reached) now.reached = inputs.now;
+  return {now, against_pull(line.command, *inputs.estimate), {}};
 }
 
 Step step_paused(const Paused& now, const Inputs& inputs, const DockingConfig& config) {
@@ -580,8 +647,8 @@ Step step_paused(const Paused& now, const Inputs& inputs, const DockingConfig& c
 // What holds in every phase that is under way.
 template <typename Active>
 std::optional<Step> interrupted(const Active& now, const Inputs& inputs, const DockingConfig& config) {
-  constexpr bool over =
-      std::is_same_v<Active, Docked> || std::is_same_v<Active, Failed> || std::is_same_v<Active, Stopped>;
+  constexpr bool over = std::is_same_v<Active, Docked> || std::is_same_v<Active, Undocked> ||
+                        std::is_same_v<Active, Failed> || std::is_same_v<Active, Stopped>;
   if (inputs.request == Request::stop) {
     const Reason reason{Cause::stopped_by_person, "stopped by the operator or the guard"};
     return Step{Stopped{now.job, reason}, {}, reason.sentence};
@@ -639,6 +706,9 @@ void check(const DockingConfig& config) {
   require(config.fix.tolerance_x > 0.0 && config.fix.tolerance_y > 0.0 && config.fix.tolerance_yaw > 0.0,
           "the tolerances of fix must be above 0");
   require(config.back_off.retries >= 0, "back_off.retries must not be negative");
+  require(config.undock.camera_distance > -config.dock_pose.x,
+          text("undock.camera_distance is %g m; it must be farther than the dock, %g m", config.undock.camera_distance,
+               -config.dock_pose.x));
   require(config.back_off.camera_distance > -config.dock_pose.x,
           text("back_off.camera_distance is %g m; it must be farther than the dock, %g m",
                config.back_off.camera_distance, -config.dock_pose.x));
@@ -662,8 +732,10 @@ std::string_view name(const Phase& phase) {
     std::string_view operator()(const Servoing&) const { return "servoing"; }
     std::string_view operator()(const Fixing&) const { return "fixing"; }
     std::string_view operator()(const BackingOff&) const { return "backing off"; }
+    std::string_view operator()(const Undocking&) const { return "undocking"; }
     std::string_view operator()(const Paused&) const { return "paused"; }
     std::string_view operator()(const Docked&) const { return "docked"; }
+    std::string_view operator()(const Undocked&) const { return "undocked"; }
     std::string_view operator()(const Failed&) const { return "failed"; }
     std::string_view operator()(const Stopped&) const { return "stopped"; }
   };
@@ -675,8 +747,8 @@ const Job& job_of(const Phase& phase) {
 }
 
 bool is_over(const Phase& phase) {
-  return std::holds_alternative<Docked>(phase) || std::holds_alternative<Failed>(phase) ||
-         std::holds_alternative<Stopped>(phase);
+  return std::holds_alternative<Docked>(phase) || std::holds_alternative<Undocked>(phase) ||
+         std::holds_alternative<Failed>(phase) || std::holds_alternative<Stopped>(phase);
 }
 
 std::optional<Reason> reason_of(const Phase& phase) {
@@ -691,20 +763,23 @@ FrameNeed frame_need(const Phase& phase) {
     return acquiring->stage == Acquiring::Stage::centering ? FrameNeed::sightings : FrameNeed::frames;
   }
   // Backwards over the ground that was just driven, away from the station: by odometry alone if need be.
-  return std::holds_alternative<BackingOff>(phase) ? FrameNeed::none : FrameNeed::frames;
+  const bool back = std::holds_alternative<BackingOff>(phase) || std::holds_alternative<Undocking>(phase);
+  return back ? FrameNeed::none : FrameNeed::frames;
 }
 
-Phase first_phase(std::chrono::nanoseconds now) {
+Phase first_phase(Errand errand, std::chrono::nanoseconds now) {
   Acquiring acquiring;
+  acquiring.job.turn_allowed = errand == Errand::dock;  // not between the station's walls
   acquiring.since = acquiring.stage_since = now;
   return acquiring;
 }
 
 std::span<const Transition> transitions() {
-  static constexpr std::array<Transition, 30> table = {{
+  static constexpr std::array<Transition, 33> table = {{
       {"acquiring", "castor run-in", "measured, with room ahead"},
       {"acquiring", "validating", "measured"},
-      {"acquiring", "failed", "not seen, uncertain, camera slow or timed out"},
+      {"acquiring", "undocking", "at the dock, asked to leave it"},
+      {"acquiring", "failed", "not seen, uncertain, not docked, camera slow or timed out"},
       {"castor run-in", "acquiring", "driven"},
       {"castor run-in", "backing off", "timed out"},
       {"castor run-in", "failed", "timed out"},
@@ -725,9 +800,11 @@ std::span<const Transition> transitions() {
       {"fixing", "docked", "inside tolerance"},
       {"fixing", "backing off", "outside tolerance or not seen"},
       {"fixing", "acquiring", "estimate lost"},
-      {"fixing", "failed", "attempts used up"},
+      {"fixing", "failed", "attempts used up, or the board was moved"},
       {"backing off", "acquiring", "far enough, or estimate lost"},
-      {"backing off", "failed", "attempts used up"},
+      {"backing off", "failed", "attempts used up; at the safe pose"},
+      {"undocking", "undocked", "far enough"},
+      {"undocking", "failed", "estimate lost or timed out"},
       {"paused", "acquiring", "resumed"},
       {"any", "paused", "asked to"},
       {"any", "failed", "cancelled or camera lost"},
@@ -748,6 +825,7 @@ std::optional<Fix> fix_from(std::span<const PlanarSighting> sightings, const Doc
   Eigen::Matrix3d information = Eigen::Matrix3d::Zero();
   Eigen::Vector3d weighted = Eigen::Vector3d::Zero();
   Eigen::Matrix3d bias = Eigen::Matrix3d::Zero();
+  Eigen::Matrix3d by_pixel = Eigen::Matrix3d::Zero();
   for (const PlanarSighting& sighting : sightings) {
     const Pose2 point = sighting.T_station_base * ahead;
     const double yaw = sighting.T_station_base.yaw;
@@ -757,6 +835,7 @@ std::optional<Fix> fix_from(std::span<const PlanarSighting> sightings, const Doc
     points.emplace_back(point.x - about.x, point.y - about.y, wrap_angle(point.yaw - about.yaw));
     covariances.emplace_back(camera_by_base * sighting.covariance * camera_by_base.transpose());
     bias += camera_by_base * sighting.bias_covariance * camera_by_base.transpose() / count;
+    by_pixel += camera_by_base * sighting.covariance_per_px2 * camera_by_base.transpose() / count;
     const Eigen::Matrix3d inverse_covariance = covariances.back().inverse();
     information += inverse_covariance;
     weighted += inverse_covariance * points.back();
@@ -770,17 +849,29 @@ std::optional<Fix> fix_from(std::span<const PlanarSighting> sightings, const Doc
     fix.chi2 += error.dot(covariances[i].ldlt().solve(error));
   }
   if (sightings.size() > 1) fix.chi2 /= 3.0 * (count - 1.0);
-  // Sightings that scatter more than their covariance says are believed less.
-  const double scatter = std::max(1.0, fix.chi2);
+  // What sightings at standstill scatter by is measured here; their own covariance is a claim, which a misfit widens by
+  // more than it makes them scatter. Few sightings measure too little to go below the claim.
+  constexpr double enough = 20.0;
+  const double values = 3.0 * (count - 1.0);
+  const double scatter = values < enough ? std::max(1.0, fix.chi2) : fix.chi2 * values / (values - 2.0);
   const double position = config.fix.calibration_position * config.fix.calibration_position;
   const double turn = config.fix.calibration_yaw * config.fix.calibration_yaw;
   fix.covariance = scatter * information.inverse();
   if (config.dock_pose_taught) {
     fix.covariance += config.dock_pose_covariance;
+    fix.covariance += config.fix.untaught_corner_px * config.fix.untaught_corner_px * by_pixel;
   } else {
     fix.covariance += bias;
     fix.covariance.diagonal() += Eigen::Vector3d(position, position, turn);
   }
+
+  Eigen::Vector3d up = Eigen::Vector3d::Zero();
+  for (const PlanarSighting& sighting : sightings) {
+    fix.hang.camera_height += sighting.camera_height / count;
+    up += sighting.up_station;
+  }
+  fix.hang.roll = -std::atan2(up.y(), up.z());
+  fix.hang.pitch = std::atan2(up.x(), up.z());
 
   const Pose2 point{about.x + mean.x(), about.y + mean.y(), about.yaw + mean.z()};
   fix.T_station_base = point * inverse(ahead);
@@ -813,8 +904,10 @@ Step step(const Phase& phase, const Inputs& inputs, const DockingConfig& config)
     Step operator()(const Servoing& now) const { return step_servoing(now, inputs, config); }
     Step operator()(const Fixing& now) const { return step_fixing(now, inputs, config); }
     Step operator()(const BackingOff& now) const { return step_backing_off(now, inputs, config); }
+    Step operator()(const Undocking& now) const { return step_undocking(now, inputs, config); }
     Step operator()(const Paused& now) const { return step_paused(now, inputs, config); }
     Step operator()(const Docked& now) const { return {now, {}, {}}; }
+    Step operator()(const Undocked& now) const { return {now, {}, {}}; }
     Step operator()(const Failed& now) const { return {now, {}, {}}; }
     Step operator()(const Stopped& now) const { return {now, {}, {}}; }
   };

@@ -28,12 +28,16 @@ double limit(const LineTarget& target, const BoardOnLine& board, const LineLawCo
   return bare ? std::min(config.max_heading, free) : std::clamp(free, config.min_heading, config.max_heading);
 }
 
+// Curvature per heading error that puts both poles at 1/L [1/m].
+double heading_gain(double length, double lag) { return (2.0 + lag / length) / length; }
+
 // The law itself; `direction` is +1 forward and -1 in reverse, where the wanted heading changes its sign.
 double turn_rate(double lateral, double heading, double heading_limit, double speed, int direction, double length,
                  const LineLawConfig& config) {
   const double slope = std::tan(heading_limit);
-  const double wanted = -direction * std::clamp(lateral / (2.0 * length), -slope, slope);
-  const double curvature = std::clamp(2.0 / length * (wanted - heading), -config.max_curvature, config.max_curvature);
+  const double wanted = -direction * std::clamp(lateral / (2.0 * length + config.lag), -slope, slope);
+  const double curvature =
+      std::clamp(heading_gain(length, config.lag) * (wanted - heading), -config.max_curvature, config.max_curvature);
   return std::clamp(curvature * std::max(std::abs(speed), config.turning_speed), -config.max_turn_rate,
                     config.max_turn_rate);
 }
@@ -92,8 +96,9 @@ LineCommand back_along_line(const LineTarget& target, const Pose2& T_station_bas
   return result;
 }
 
-double lateral_left(double lateral, double heading, double distance, double length) {
-  return (lateral + (heading + lateral / length) * distance) * std::exp(-distance / length);
+double lateral_left(double lateral, double heading, double distance, double length, double lag) {
+  const double slope = heading + lag * (heading_gain(length, lag) * heading + lateral / (length * length));
+  return (lateral + (slope + lateral / length) * distance) * std::exp(-distance / length);
 }
 
 SwingWatch watch(const SwingWatch& before, double travelled, double heading_error, const SwingConfig& config) {

@@ -9,7 +9,10 @@ namespace tagdock {
 
 /// Source: notes on docking, 7.2 and 7.3.
 struct LineLawConfig {
-  double length = 0.20;             ///< L of the double pole at 1/L [m]
+  double length = 0.20;  ///< L of the double pole at 1/L [m]
+  /// Heading lag K of the castors [m]: the robot's heading is that of its wheels less K times the curvature. With
+  /// theta' = -(2/L + K/L^2) theta - y/L^2 and y' = theta - K theta', both poles stay at 1/L whatever K is.
+  double lag = 0.0;
   double slow_length = 0.60;        ///< L once swinging was seen [m]
   double max_curvature = 1.5;       ///< 1/m
   double max_turn_rate = 0.4;       ///< rad/s
@@ -22,7 +25,7 @@ struct LineLawConfig {
   double acceleration = 0.12;       ///< m/s^2
   double deceleration = 0.2;        ///< m/s^2
   double response_time = 0.18;      ///< s; dead time and lag of the drive, runs out after a stop
-  double stop_distance = 0.0005;    ///< m, predicted rest at which the robot is stopped
+  double stop_distance = 0.0001;    ///< m, predicted rest at which the robot is stopped
   double min_heading = 0.0524;      ///< rad; 3 degrees, always allowed
   double max_heading = 0.314;       ///< rad; 18 degrees
   double view_margin = 0.0524;      ///< rad; 3 degrees between the board's edge and the border of the image
@@ -50,7 +53,8 @@ struct LineCommand {
 };
 
 /// One cycle of the line law, forward: takes out lateral and heading error over the remaining way, so that over the
-/// driven distance s, y'' + (2/L) y' + y/L^2 = 0.
+/// driven distance s, y'' + (2/L) y' + y/L^2 = 0. With castors that lag (LineLawConfig::lag) the heading given here is
+/// that of the wheels.
 /// @param T_station_base  of the axle
 /// @param last            command of the cycle before, from which the speed ramps
 /// @param wheel_speed     as measured [m/s]
@@ -64,8 +68,9 @@ LineCommand back_along_line(const LineTarget& target, const Pose2& T_station_bas
                             const Twist2& last, double wheel_speed, std::chrono::nanoseconds step,
                             const LineLawConfig& config);
 
-/// Lateral error that the law leaves after a distance (linear): (y0 + (psi0 + y0/L) s) exp(-s/L).
-double lateral_left(double lateral, double heading, double distance, double length);
+/// Lateral error that the law leaves after a distance (linear): (y0 + (y0' + y0/L) s) exp(-s/L), where y0' is the
+/// heading, or with castors that lag theta + K ((2/L + K/L^2) theta + y/L^2).
+double lateral_left(double lateral, double heading, double distance, double length, double lag = 0.0);
 
 /// Sees swinging: three sign changes of the heading error, each beyond `threshold`, within `window` of travel.
 struct SwingWatch {

@@ -30,7 +30,7 @@ struct OdometryControllerConfig {
   double lateral_length = 0.5;  ///< a lateral deviation counts as a heading error over this length [m]
   double along_share = 0.5;     ///< of the damping, for the deviation along the path
   double max_speed = 0.20;      ///< m/s
-  double acceleration = 0.12;   ///< m/s^2
+  double acceleration = 0.20;   ///< m/s^2
   double deceleration = 0.15;   ///< m/s^2, of the reference's own speed
   double braking = 0.12;        ///< m/s^2, plans the stop at the end
   double max_command = 0.25;    ///< m/s, reference plus correction

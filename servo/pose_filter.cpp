@@ -65,6 +65,16 @@ bool is_usable(const Eigen::Matrix3d& covariance) {
          covariance.ldlt().vectorD().minCoeff() > 0.0;
 }
 
+// How the seen pose changes with the state: one to one with the pose, and a turned camera turns it about the camera.
+Eigen::Matrix<double, 3, 7> seen_by_state(const Pose2& seen, const Pose2& ahead) {
+  Eigen::Matrix<double, 3, 7> result = Eigen::Matrix<double, 3, 7>::Zero();
+  result.leftCols<3>().setIdentity();
+  const double c = std::cos(seen.yaw);
+  const double s = std::sin(seen.yaw);
+  result.col(6) << s * ahead.x + c * ahead.y, -c * ahead.x + s * ahead.y, 1.0;
+  return result;
+}
+
 // Mean square of the corners' standard deviations [px^2]; 0 without tags.
 double corner_variance(const BoardSighting& sighting) {
   double sum = 0.0;
@@ -118,6 +128,8 @@ PlanarSighting planar_sighting(const Rig& rig, std::chrono::nanoseconds time, co
   sighting.covariance = by_motion * covariance * by_motion.transpose();
   sighting.covariance = 0.5 * (sighting.covariance + sighting.covariance.transpose()).eval();
   sighting.bias_covariance = bias_share * sighting.covariance;
+  sighting.camera_height = camera_station.z();
+  sighting.up_station = R_station_camera * (rig.T_base_camera.linear().transpose() * Eigen::Vector3d::UnitZ());
   return sighting;
 }
 
@@ -150,8 +162,10 @@ std::string_view word(SightingUse use) {
 PoseFilter::PoseFilter(const Rig& rig, const PoseFilterConfig& config)
     : rig_(rig),
       config_(config),
-      scrub_(config.castors.scrub),
-      scrub_variance_(config.castors.scrub_sigma * config.castors.scrub_sigma) {}
+      lasting_(config.castors.scrub, 0.0, 0.0, 0.0),
+      lasting_variance_(
+          Lasting(config.castors.scrub_sigma, config.pull_sigma, config.stretch_sigma, config.camera_yaw_sigma)
+              .cwiseAbs2()) {}
 
 void PoseFilter::predict(const Odometry& reading) {
   if (!is_finite(reading.T_odom_base) || !is_finite(reading.velocity)) return;
@@ -170,27 +184,39 @@ PoseFilter::State PoseFilter::moved_on(const State& before, const Pose2& motion)
   after.castors = castors.after;
   if (!has_estimate_) return after;
 
-  // The castors' part of the turn bends the chord by half of it.
-  const double turned = before.scrub * castors.around;
+  // What odometry does not see bends the chord by half of it.
+  const double scrub = before.lasting(0);
+  const double pull = before.lasting(1);
+  const double ahead = (1.0 + before.lasting(2)) * motion.x;
+  const double turned = scrub * castors.around + pull * motion.x;
   const double heading = before.T_station_base.yaw + 0.5 * turned;
   const double c = std::cos(heading);
   const double s = std::sin(heading);
-  const double aside = motion.y + before.scrub * castors.aside;
-  const Eigen::Vector2d step(c * motion.x - s * aside, s * motion.x + c * aside);
+  const double aside = motion.y + scrub * castors.aside;
+  const Eigen::Vector2d step(c * ahead - s * aside, s * ahead + c * aside);
   after.T_station_base = {before.T_station_base.x + step.x(), before.T_station_base.y + step.y(),
                           wrap_angle(before.T_station_base.yaw + motion.yaw + turned)};
 
-  Eigen::Matrix4d by_state = Eigen::Matrix4d::Identity();
-  by_state(0, 2) = -step.y();
-  by_state(1, 2) = step.x();
-  by_state(0, 3) = -0.5 * castors.around * step.y() - s * castors.aside;
-  by_state(1, 3) = 0.5 * castors.around * step.x() + c * castors.aside;
+  Matrix7 by_state = Matrix7::Identity();
+  const Eigen::Vector2d by_heading(-step.y(), step.x());
+  by_state.block<2, 1>(0, 2) = by_heading;
+  by_state.block<2, 1>(0, 3) = 0.5 * castors.around * by_heading + castors.aside * Eigen::Vector2d(-s, c);
+  by_state.block<2, 1>(0, 4) = 0.5 * motion.x * by_heading;
+  by_state.block<2, 1>(0, 5) = motion.x * Eigen::Vector2d(c, s);
   by_state(2, 3) = castors.around;
-  Eigen::Matrix4d result = by_state * before.covariance * by_state.transpose();
-  result.topLeftCorner<3, 3>() += drift(motion, before.T_station_base.yaw, config_);
-  result(3, 3) += config_.castors.scrub_wander * config_.castors.scrub_wander * std::hypot(motion.x, motion.y);
+  by_state(2, 4) = motion.x;
+  const Matrix7 result = by_state * before.covariance * by_state.transpose();
   after.covariance = 0.5 * (result + result.transpose());
+  after.covariance.topLeftCorner<3, 3>() += drift(motion, before.T_station_base.yaw, config_);
+  after.covariance(3, 3) +=
+      config_.castors.scrub_wander * config_.castors.scrub_wander * std::hypot(motion.x, motion.y);
   return after;
+}
+
+Pose2 PoseFilter::seen_pose(const State& state) const {
+  const Pose2 ahead = camera_point(rig_);
+  const Pose2 camera = state.T_station_base * ahead;
+  return Pose2{camera.x, camera.y, wrap_angle(camera.yaw + state.lasting(3))} * inverse(ahead);
 }
 
 void PoseFilter::propagate_from(std::size_t index) {
@@ -236,7 +262,8 @@ FilterUpdate PoseFilter::update(const BoardSighting& seen) {
   const double declared = variance > 0.0 ? config_.corner_bias_px * config_.corner_bias_px / variance : 0.0;
   const double bias_share = std::max(declared, inflated - 1.0) / fresh;
   const Matrix6 covariance = fresh * by_noise;
-  const PlanarSighting sighting = planar_sighting(rig_, seen.time, seen.T_camera_station, covariance, bias_share);
+  PlanarSighting sighting = planar_sighting(rig_, seen.time, seen.T_camera_station, covariance, bias_share);
+  if (variance > 0.0) sighting.covariance_per_px2 = sighting.covariance / (fresh * variance);
   if (!is_finite(sighting.T_station_base) || !is_usable(sighting.covariance)) {
     return {SightingUse::invalid, std::nullopt, 0.0};
   }
@@ -296,11 +323,20 @@ FilterUpdate PoseFilter::acquire(const PlanarSighting& sighting) {
   State& state = states_[before];
   const Pose2 now{sighting.T_station_base.x + mean.x(), sighting.T_station_base.y + mean.y(),
                   sighting.T_station_base.yaw + mean.z()};
-  state.T_station_base = now * between(T_odom_base, state.reading.T_odom_base);
+  // What was seen is the pose with the camera's yaw in it.
+  const Pose2 ahead = camera_point(rig_);
+  const Pose2 camera = now * ahead;
+  const Pose2 true_now = Pose2{camera.x, camera.y, camera.yaw - lasting_(3)} * inverse(ahead);
+  state.T_station_base = true_now * between(T_odom_base, state.reading.T_odom_base);
+  state.lasting = lasting_;
+  const Eigen::Matrix3d noise = information.inverse();
   state.covariance.setZero();
-  state.covariance.topLeftCorner<3, 3>() = information.inverse();
-  state.scrub = scrub_;
-  state.covariance(3, 3) = scrub_variance_;
+  state.covariance.diagonal().tail<4>() = lasting_variance_;
+  // seen = pose + column * camera yaw, so pose = seen - column * camera yaw.
+  const Eigen::Vector3d column = seen_by_state(now, ahead).col(6);
+  state.covariance.topLeftCorner<3, 3>() = noise + lasting_variance_(3) * column * column.transpose();
+  state.covariance.block<3, 1>(0, 6) = -lasting_variance_(3) * column;
+  state.covariance.block<1, 3>(6, 0) = -lasting_variance_(3) * column.transpose();
   has_estimate_ = true;
   // Older readings are not described by the new estimate.
   states_.erase(states_.begin(), states_.begin() + static_cast<std::ptrdiff_t>(before));
@@ -316,9 +352,12 @@ FilterUpdate PoseFilter::fuse(const PlanarSighting& first, const std::optional<P
                               double log_odds) {
   const std::size_t before = *state_before(first.time);
   const State prior = state_at(before, first.time);
+  const Pose2 expected = seen_pose(prior);
+  const Eigen::Matrix<double, 3, 7> by_state = seen_by_state(expected, camera_point(rig_));
+  const Eigen::Matrix<double, 7, 3> by_seen = prior.covariance * by_state.transpose();
+  const Eigen::Matrix3d spread = by_state * by_seen;
   const auto to_estimate = [&](const PlanarSighting& sighting, const Eigen::Matrix3d& covariance) {
-    return distance2(difference(sighting.T_station_base, prior.T_station_base),
-                     prior.covariance.topLeftCorner<3, 3>() + covariance + sighting.bias_covariance);
+    return distance2(difference(sighting.T_station_base, expected), spread + covariance + sighting.bias_covariance);
   };
 
   PlanarSighting sighting = first;
@@ -345,18 +384,18 @@ FilterUpdate PoseFilter::fuse(const PlanarSighting& first, const std::optional<P
   rejects_ = 0;
 
   const Eigen::Matrix3d noise = sighting.covariance + sighting.bias_covariance;
-  const Eigen::Matrix3d innovation = prior.covariance.topLeftCorner<3, 3>() + noise;
-  const Eigen::Matrix<double, 4, 3> gain = innovation.ldlt().solve(prior.covariance.topRows<3>()).transpose();
-  const Eigen::Vector4d change = gain * difference(sighting.T_station_base, prior.T_station_base);
-  Eigen::Matrix4d rest = Eigen::Matrix4d::Identity();
-  rest.leftCols<3>() -= gain;
+  const Eigen::Matrix3d innovation = spread + noise;
+  const Eigen::Matrix<double, 7, 3> gain = innovation.ldlt().solve(by_seen.transpose()).transpose();
+  const Eigen::Matrix<double, 7, 1> change = gain * difference(sighting.T_station_base, expected);
+  const Matrix7 rest = Matrix7::Identity() - gain * by_state;
   State updated = prior;
-  updated.T_station_base = {prior.T_station_base.x + change.x(), prior.T_station_base.y + change.y(),
-                            prior.T_station_base.yaw + change.z()};
-  updated.scrub = std::max(0.0, prior.scrub + change.w());
+  updated.T_station_base = {prior.T_station_base.x + change(0), prior.T_station_base.y + change(1),
+                            prior.T_station_base.yaw + change(2)};
+  updated.lasting += change.tail<4>();
+  updated.lasting(0) = std::max(0.0, updated.lasting(0));
   updated.covariance = rest * prior.covariance * rest.transpose() + gain * noise * gain.transpose();  // Joseph
-  scrub_ = updated.scrub;
-  scrub_variance_ = updated.covariance(3, 3);
+  lasting_ = updated.lasting;
+  lasting_variance_ = updated.covariance.diagonal().tail<4>();
 
   // The updated state stands between two readings; it takes its place among them as one more.
   const auto place = states_.begin() + static_cast<std::ptrdiff_t>(before);
@@ -384,9 +423,15 @@ std::optional<PoseEstimate> PoseFilter::estimate(std::chrono::nanoseconds time) 
   estimate.T_station_base = state.T_station_base;
   estimate.covariance = state.covariance.topLeftCorner<3, 3>() + bias_covariance_;
   estimate.seen = seen_;
-  estimate.castor_scrub = state.scrub;
+  estimate.castor_scrub = state.lasting(0);
   estimate.castor_scrub_sigma = std::sqrt(state.covariance(3, 3));
-  estimate.held_back = state.scrub * held_back(state.castors, config_.castors);
+  estimate.held_back = state.lasting(0) * held_back(state.castors, config_.castors);
+  estimate.pull = state.lasting(1);
+  estimate.pull_sigma = std::sqrt(state.covariance(4, 4));
+  estimate.stretch = state.lasting(2);
+  estimate.stretch_sigma = std::sqrt(state.covariance(5, 5));
+  estimate.camera_yaw = state.lasting(3);
+  estimate.camera_yaw_sigma = std::sqrt(state.covariance(6, 6));
   return estimate;
 }
 
@@ -397,7 +442,8 @@ std::optional<Pose2> PoseFilter::T_odom_base(std::chrono::nanoseconds time) cons
 }
 
 std::optional<Eigen::Isometry3d> PoseFilter::predicted_view(std::chrono::nanoseconds time) const {
-  if (const std::optional<PoseEstimate> known = estimate(time)) return level_view(rig_, known->T_station_base);
+  if (const std::optional<std::size_t> before = has_estimate_ ? state_before(time) : std::nullopt)
+    return level_view(rig_, seen_pose(state_at(*before, time)));
   if (!last_sighting_) return std::nullopt;
   const std::optional<Pose2> then = T_odom_base(last_sighting_->time);
   const std::optional<Pose2> now = T_odom_base(time);

@@ -32,6 +32,10 @@ struct PlanarSighting {
   Eigen::Matrix3d covariance = Eigen::Matrix3d::Zero();
   /// The same for what stays from frame to frame (corner bias); averaging does not take it out.
   Eigen::Matrix3d bias_covariance = Eigen::Matrix3d::Zero();
+  /// What independent errors of 1 px in every corner coordinate would make of it; zero where no tag says its sigma.
+  Eigen::Matrix3d covariance_per_px2 = Eigen::Matrix3d::Zero();
+  double camera_height = 0.0;                             ///< of the lens above the station's floor [m]
+  Eigen::Vector3d up_station = Eigen::Vector3d::UnitZ();  ///< the robot's up direction in the station frame
 };
 
 /// Reduces a pose of the camera before the station to the axle's pose on the floor. The camera's own place is taken
@@ -49,10 +53,15 @@ struct PoseFilterConfig {
   double yaw_noise = 0.02;        ///< rad per sqrt(m); beside what castors do
   double turn_noise = 0.04;       ///< share of the angle turned between two readings
   CastorConfig castors;
-  double gate = 40.0;            ///< largest accepted squared Mahalanobis distance of a sighting, 3 values
-  int rejects_until_lost = 5;    ///< in a row
-  double doubt = 1.5;            ///< factor on the covariance of the estimate for every reject
-  int sightings_to_acquire = 5;  ///< that agree, of the newest `sightings_remembered`, at standstill
+  // What calibration may have left or a knock changed since: first guess 0, and how wrong that may be. 0 leaves one
+  // out.
+  double pull_sigma = 0.006;         ///< rad/m; turn per driven metre by unequal wheels (0.36 % over a track of 0.6 m)
+  double stretch_sigma = 0.003;      ///< driven over measured distance, less 1
+  double camera_yaw_sigma = 0.0017;  ///< rad; of the camera on the base, about the vertical (0.1 degrees)
+  double gate = 40.0;                ///< largest accepted squared Mahalanobis distance of a sighting, 3 values
+  int rejects_until_lost = 5;        ///< in a row
+  double doubt = 1.5;                ///< factor on the covariance of the estimate for every reject
+  int sightings_to_acquire = 5;      ///< that agree, of the newest `sightings_remembered`, at standstill
   int sightings_remembered = 7;
   /// Two sightings at standstill agree below this squared Mahalanobis distance ...
   double agreement = 25.0;
@@ -80,6 +89,13 @@ struct PoseEstimate {
   double castor_scrub = 0.0;                             ///< rad/m; see CastorConfig
   double castor_scrub_sigma = 0.0;
   double held_back = 0.0;  ///< turn that the castors give back when the robot drives straight on [rad]
+  // What repeats itself, as far as the drive has shown it: value and standard deviation.
+  double pull = 0.0;  ///< rad/m, see PoseFilterConfig
+  double pull_sigma = 0.0;
+  double stretch = 0.0;
+  double stretch_sigma = 0.0;
+  double camera_yaw = 0.0;  ///< rad
+  double camera_yaw_sigma = 0.0;
 };
 
 /// What became of a sighting.
@@ -104,8 +120,10 @@ struct FilterUpdate {
   double distance2 = 0.0;                  ///< squared Mahalanobis distance from the estimate at image time; 0 without
 };
 
-/// Odometry and sightings -> pose of the axle in the station frame: an extended Kalman filter over x, y, yaw and the
-/// castors' scrub, which turns the robot where odometry does not see it.
+/// Odometry and sightings -> pose of the axle in the station frame: an extended Kalman filter over x, y, yaw, the
+/// castors' scrub, which turns the robot where odometry does not see it, and the lasting errors of wheels and camera
+/// yaw. Those show only in motion: unequal wheels as a turn per distance, wrong radii as a distance, a turned camera as
+/// a robot that does not drive where it looks.
 /// A sighting acts at its image time: the filter goes back to the reading before the stamp, updates there and
 /// repeats the odometry since (so latency, once stamped, moves nothing). Method: notes on docking, 4.6 and 8; the
 /// tables there shift the measurement forward instead, which neglects the drift since the image.
@@ -134,13 +152,16 @@ class PoseFilter {
   void forget();
 
  private:
+  /// [scrub of the castors, pull, stretch, camera yaw]; see PoseFilterConfig.
+  using Lasting = Eigen::Vector4d;
+  using Matrix7 = Eigen::Matrix<double, 7, 7>;
   struct State {
     Odometry reading;
     CastorAngles castors;
     // Only with an estimate:
     Pose2 T_station_base;
-    double scrub = 0.0;                                    ///< of the castors [rad/m]
-    Eigen::Matrix4d covariance = Eigen::Matrix4d::Zero();  ///< [x y yaw scrub]
+    Lasting lasting = Lasting::Zero();
+    Matrix7 covariance = Matrix7::Zero();  ///< [x y yaw] and `lasting`
   };
   struct Candidate {
     PlanarSighting sighting;
@@ -153,13 +174,15 @@ class PoseFilter {
   [[nodiscard]] State state_at(std::size_t before, std::chrono::nanoseconds time) const;
   void propagate_from(std::size_t index);
   [[nodiscard]] State moved_on(const State& before, const Pose2& motion) const;
+  /// The pose that a robot seems to have which believes its camera's yaw.
+  [[nodiscard]] Pose2 seen_pose(const State& state) const;
 
   Rig rig_;
   PoseFilterConfig config_;
   std::deque<State> states_;  ///< oldest first
   bool has_estimate_ = false;
-  double scrub_;  ///< of the newest estimate, kept where it is lost: the robot and its floor stay
-  double scrub_variance_;
+  Lasting lasting_;  ///< of the newest estimate, kept where it is lost: the robot and its floor stay
+  Lasting lasting_variance_;
   Eigen::Matrix3d bias_covariance_ = Eigen::Matrix3d::Zero();  ///< of the newest fused sighting
   std::chrono::nanoseconds seen_{0};
   int rejects_ = 0;

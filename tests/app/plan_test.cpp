@@ -4,6 +4,7 @@
 #include <unistd.h>
 
 #include <catch2/catch.hpp>
+#include <nlohmann/json.hpp>
 
 #include "app/failure.h"
 #include "app/verbs.h"
@@ -79,7 +80,10 @@ constexpr const char* queries =
     "g,0,0,0,0.1,1,0.3,1,1\n"
     "h,0,zero,0,0.1,1,0.3,1,1\n"
     "i,0,0\n"
-    "j,0,0,0,1,0,0,1,1e-400\n";
+    "j,0,0,0,1,0,0,1,1e-400\n"
+    "k,0,0,0,1,0,0,1,\n"
+    "l,0,0,0,1,0,0,1,1,1\n"
+    "m,0,0,0,0.5,2,3.141592653589793,1,1\n";
 
 }  // namespace
 
@@ -88,12 +92,12 @@ TEST_CASE("a file of queries is answered line by line, each with a word, and the
   const std::string in = folder.write("queries.csv", queries);
   const std::string out = folder.file("plans.csv");
   const std::string kind = GENERATE(std::string("clothoids"), std::string("arcs"));
-  CHECK(run({"--batch", in, "--as", kind, "--output", out}) == 2);  // two lines are not numbers
+  CHECK(run({"--batch", in, "--as", kind, "--output", out}) == 2);  // four lines are not numbers
   const auto answers = rows(out);
-  REQUIRE(answers.size() == 11);
-  const std::vector<std::string> words = {"status",    "ok",         "already_there", "not_finite",
-                                          "bad_limit", "not_finite", "too_large",     "no_room",
-                                          "malformed", "malformed",  "bad_limit"};
+  REQUIRE(answers.size() == 14);
+  const std::vector<std::string> words = {"status",     "ok",        "already_there", "not_finite", "bad_limit",
+                                          "not_finite", "too_large", "no_room",       "malformed",  "malformed",
+                                          "bad_limit",  "malformed", "malformed",     "no_room"};
   for (std::size_t i = 0; i < answers.size(); ++i) {
     CAPTURE(i, answers[i][0]);
     CHECK(answers[i][2] == words[i]);
@@ -105,10 +109,44 @@ TEST_CASE("a file of queries is answered line by line, each with a word, and the
 
   CHECK(run({"--batch", in, "--as", kind, "--mode", "reeds-shepp", "--output", out}) == 2);
   const auto both = rows(out);
-  REQUIRE(both.size() == 11);
+  REQUIRE(both.size() == 14);
   REQUIRE(both[7][2] == "ok");
   CHECK(end_error(path_of(both[7]), {0.1, 1.0, 0.3}).position < 1e-12);
   CHECK(end_error(path_of(both[7]), {0.1, 1.0, 0.3}).heading < 1e-12);
+}
+
+TEST_CASE("a plan is explained by its words, its time and what odometry alone would make of it") {
+  const Folder folder;
+  const std::string out = folder.file("plan.json");
+  CHECK(run({"--from", "-4.5,0.6,-10", "--to", "-1,0,0", "--max-curvature", "1.25", "--final-straight", "0.3", "--as",
+             "arcs", "--period-length", "0.006", "--view-deg", "70", "--json", "--output", out}) == 0);
+  std::ifstream file(out);
+  const nlohmann::json plan = nlohmann::json::parse(file);
+  CHECK(plan["reeds_shepp"].size() == 48);
+  CHECK(plan["predicted_sigma"]["across"].get<double>() > 0.0);
+  CHECK(plan["time_law"]["segments"].size() == plan["segments"].size());
+  const double period = plan["period_length"].get<double>();
+  for (const auto& segment : plan["segments"]) {
+    const double periods = segment["length"].get<double>() / period;
+    CHECK(std::abs(periods - std::round(periods)) < 1e-9);
+  }
+}
+
+TEST_CASE("a dock is left in reverse, straight first, and its contact is allowed there only") {
+  const Folder folder;
+  const std::string out = folder.file("plan.csv");
+  const std::vector<std::string> leave = {"--from",    "-1,0,0",     "--to",
+                                          "-4,0.4,-8", "--reverse",  "--initial-straight",
+                                          "0.4",       "--keep-out", "-0.62,-0.5,0,-0.5,0,0.5,-0.62,0.5",
+                                          "--output",  out};
+  CHECK(run(leave) == 1);  // the robot stands 2 cm in what must not be touched
+  std::vector<std::string> allowed = leave;
+  allowed.insert(allowed.end(), {"--contact-within", "0.2"});
+  CHECK(run(allowed) == 0);
+  const Path path = path_of(rows(out)[1]);
+  for (const Segment& segment : path.segments) CHECK(segment.length < 0.0);
+  CHECK(path.segments.front().length <= -0.4);
+  CHECK(end_error(path, {-4.0, 0.4, radians(-8.0)}).position < 1e-12);
 }
 
 TEST_CASE("one plan is drawn, and one that cannot be is refused with exit code 1") {
@@ -119,7 +157,8 @@ TEST_CASE("one plan is drawn, and one that cannot be is refused with exit code 1
   svg << std::ifstream(folder.file("plan.svg")).rdbuf();
   CHECK(svg.str().starts_with("<svg"));
   CHECK(svg.str().find("nan") == std::string::npos);
-  for (const char* part : {"curvature [1/m]", "bearing of the board", "towards the wall", "</svg>"})
+  for (const char* part :
+       {"curvature [1/m]", "bearing of the board", "speed [m/s]", "clip-path", "towards the wall", "</svg>"})
     CHECK(svg.str().find(part) != std::string::npos);
   const auto answer = rows(folder.file("plan.csv"));
   REQUIRE(answer.size() == 2);
@@ -145,6 +184,16 @@ TEST_CASE("a wrong command line or file is a usage failure that names what is wr
   CHECK(sentence({"--batch", folder.write("empty.csv", "")}).find("is empty") != std::string::npos);
   CHECK(sentence({"--batch", folder.write("columns.csv", "id,sx,sy\n")}).find("\"sth\" is missing") !=
         std::string::npos);
+  const std::vector<std::string> there = {"--from", "0,0,0", "--to", "1,0,0"};
+  const auto with = [&](std::vector<std::string> more) {
+    more.insert(more.begin(), there.begin(), there.end());
+    return sentence(more);
+  };
+  CHECK(with({"--wheel-jerk", "0"}).find("--wheel-jerk is 0") == 0);
+  CHECK(with({"--tag", "0,0,0"}).find("--tag needs --view-deg") == 0);
+  CHECK(with({"--period-length", "0.01"}).find("--period-length needs --as arcs") == 0);
+  CHECK(with({"--reverse", "--mode", "dubins"}).find("--reverse needs") == 0);
+  CHECK(with({"--view-deg", "60", "--incidence-deg", "50", "20"}).find("incidence") != std::string::npos);
   CHECK(sentence({"--from", "0,0,0", "--to", "1,0,0", "--final-straight", "-1"}).find("--final-straight") == 0);
   CHECK(sentence({"--from", "0,0,0", "--to", "1,0,0", "--output", folder.file("no/such/folder.csv")})
             .find("cannot write") == 0);

@@ -60,6 +60,7 @@ TEST_CASE("docking starts: solved share, exact ends, no loop, run-in kept") {
     int solved = 0;
     double worst = 0.0;
     double worst_heading = 0.0;
+    int tiny = 0;
     Path path;
     for (int i = 0; i < queries; ++i) {
       const Pose2 start = docking_start(random);
@@ -75,6 +76,7 @@ TEST_CASE("docking starts: solved share, exact ends, no loop, run-in kept") {
       CHECK(path.segments.size() <= (wanted.steps == 5 ? 25u : 9u));
       for (const Segment& segment : path.segments) {
         CHECK(segment.length > 0.0);
+        if (segment.curvature == 0.0 && segment.sharpness == 0.0 && segment.length < 1e-3) ++tiny;
         CHECK(std::abs(segment.curvature) <= 1.25);
         CHECK(std::abs(segment.sharpness) <= 2.5 * (1.0 + 1e-9));
       }
@@ -86,6 +88,7 @@ TEST_CASE("docking starts: solved share, exact ends, no loop, run-in kept") {
     CAPTURE(wanted.final, wanted.steps, worst, worst_heading, double(solved) / queries);
     CHECK(worst < 1e-12);
     CHECK(worst_heading < 1e-13);
+    CHECK(tiny * 100 < solved);  // straights of less than a millimetre are not left over, but by chance
     // 1 - 0.747 of 8000 has a standard deviation of 0.5 %: three of them.
     CHECK(double(solved) / queries >= wanted.share - 0.015);
     INFO("final straight " << wanted.final << " m, steps " << wanted.steps << ": solved " << double(solved) / queries

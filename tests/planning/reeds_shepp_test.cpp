@@ -33,6 +33,24 @@ TEST_CASE("every Reeds-Shepp word ends at the goal, the shortest first") {
     }
   }
   CHECK(names.size() == 48);
+  std::set<std::string> listed;
+  for (const ReedsSheppWord& word : reeds_shepp_table()) listed.insert(word.name());
+  CHECK(listed == names);
+}
+
+TEST_CASE("a word keeps its number in every answer, so that those without a solution can be told") {
+  std::mt19937 random(4800);
+  std::uniform_real_distribution<double> place(-4.0, 4.0);
+  for (int i = 0; i < 300; ++i) {
+    const ReedsSheppWords words = reeds_shepp_words({}, {place(random), place(random), place(random)}, 1.0);
+    std::set<int> numbers;
+    for (const ReedsSheppWord& word : words) {
+      numbers.insert(word.number);
+      for (const ReedsSheppWord& listed : reeds_shepp_table())
+        if (listed.number == word.number) CHECK(listed.name() == word.name());
+    }
+    CHECK(numbers.size() == static_cast<std::size_t>(words.count));
+  }
 }
 
 TEST_CASE("a goal straight ahead or behind is reached straight, without a whole circle from rounding") {

@@ -508,6 +508,55 @@ TEST_CASE("a robot that stands at the dock already is only measured") {
   CHECK(outcome.phases == std::vector<std::string>{"acquiring", "validating", "fixing", "docked"});
 }
 
+TEST_CASE("undocking drives straight back and rests out of the station; whoever is not docked is told so") {
+  DockingConfig config = test_config();
+  config.errand = Errand::undock;
+  const Outcome outcome = docking(10, {}, config, {}, goal_of_axle(config));
+  INFO(story(outcome));
+  CHECK(outcome.phases == std::vector<std::string>{"acquiring", "undocking", "undocked"});
+  check_promises(outcome, config);
+  CHECK(outcome.true_error.x == Approx(1.0 - config.undock.camera_distance).margin(0.03));
+  CHECK(std::abs(outcome.true_error.y) <
+        0.02);  // straight: no wall of the station stands nearer than the line's own error
+  for (const Twist2& command : outcome.commands) REQUIRE(command.linear <= 0.0);
+
+  const Outcome elsewhere = docking(10, {}, config);
+  CHECK(cause_of(elsewhere) == Cause::not_docked);
+  CHECK(reason_of(elsewhere.phase)->sentence.find("does not stand at the dock: -2.4") != std::string::npos);
+  for (const Twist2& command : elsewhere.commands) REQUIRE(command == Twist2{});
+}
+
+TEST_CASE("a board that hangs otherwise than when the docking pose was taught is no dock to claim") {
+  DockingConfig config = test_config();
+  const Outcome before = docking(10, {}, config);
+  REQUIRE(std::holds_alternative<Docked>(before.phase));
+  config.taught_hang = std::get<Docked>(before.phase).fix.hang;
+  CHECK(std::holds_alternative<Docked>(docking(11, {}, config).phase));
+
+  for (const BoardHang& change : {BoardHang{0.012, 0.0, 0.0}, BoardHang{0.0, 0.01, 0.0}, BoardHang{0.0, 0.0, -0.01}}) {
+    CAPTURE(change.camera_height, change.roll, change.pitch);
+    DockingConfig changed = config;
+    changed.taught_hang->camera_height += change.camera_height;
+    changed.taught_hang->roll += change.roll;
+    changed.taught_hang->pitch += change.pitch;
+    const Outcome outcome = docking(11, {}, changed);
+    CHECK(cause_of(outcome) == Cause::dock_changed);
+    check_promises(outcome, changed);
+  }
+}
+
+TEST_CASE("after the last attempt the robot leaves the station's way if it is asked to") {
+  DockingConfig config = test_config();
+  config.fix.tolerance_y = 1e-6;
+  config.back_off.safe_pose = true;
+  const Outcome outcome = docking(8, {}, config);
+  INFO(story(outcome));
+  CHECK(cause_of(outcome) == Cause::outside_tolerance);
+  CHECK(job_of(outcome.phase).attempts == 3);
+  CHECK(outcome.true_error.x == Approx(1.0 - config.back_off.camera_distance).margin(0.03));
+  check_promises(outcome, config);
+}
+
 TEST_CASE("settings that cannot work are refused with a sentence that names them") {
   const auto refusal = [](const std::function<void(DockingConfig&)>& change) {
     DockingConfig config = test_config();
@@ -528,9 +577,9 @@ TEST_CASE("settings that cannot work are refused with a sentence that names them
 }
 
 TEST_CASE("the table of phases has every phase, and only phases that exist") {
-  const std::set<std::string_view> names = {"acquiring", "castor run-in", "validating",  "following",
-                                            "servoing",  "fixing",        "backing off", "paused",
-                                            "docked",    "failed",        "stopped"};
+  const std::set<std::string_view> names = {"acquiring", "castor run-in", "validating", "following", "servoing",
+                                            "fixing",    "backing off",   "paused",     "docked",    "failed",
+                                            "stopped",   "undocking",     "undocked"};
   std::set<std::string_view> reached;
   for (const Transition& row : transitions()) {
     CAPTURE(row.from, row.to);

@@ -83,6 +83,35 @@ TEST_CASE("lateral error decays with the double pole 1/L over distance, forward 
   }
 }
 
+TEST_CASE("with castors that lag both poles stay at 1/L, whatever the lag") {
+  // theta' = kappa, y' = theta - K kappa, integrated in steps of a tenth of a millimetre.
+  for (const double lag : {0.0, 0.1, 0.2, 0.4}) {
+    for (const double length : {0.2, 0.4}) {
+      CAPTURE(lag, length);
+      LineLawConfig law;
+      law.length = length;
+      law.lag = lag;
+      law.max_curvature = 100.0;
+      law.max_turn_rate = 100.0;
+      LineTarget target;
+      double y = 0.004;
+      double theta = 0.002;
+      const double y0 = y;
+      const double theta0 = theta;
+      constexpr double step = 1e-4;
+      for (double driven = 0.0; driven < 1.0 - 1e-9; driven += step) {
+        const Pose2 pose = target.T_station_goal * Pose2{-3.0, y, theta};
+        const LineCommand line = follow_line(target, pose, {0.1, 0.0}, 0.1, milliseconds(1), false, law);
+        const double curvature = line.command.angular / line.command.linear;
+        y += step * (theta - lag * curvature);
+        theta += step * curvature;
+        const double expected = lateral_left(y0, theta0, driven + step, length, lag);
+        REQUIRE(std::abs(y - expected) < 2e-5);
+      }
+    }
+  }
+}
+
 TEST_CASE("the formula of what is left: its value, slope and double pole by algebra") {
   const double L = 0.4;
   CHECK(lateral_left(0.01, 0.02, 0.0, L) == Approx(0.01));

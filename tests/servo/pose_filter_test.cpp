@@ -351,6 +351,7 @@ TEST_CASE("lasting corner errors stay in the covariance however long the robot s
   const Pose2 pose{-1.35, 0.0, 0.0};
   PoseFilterConfig config;
   config.corner_bias_px = 0.05;
+  config.camera_yaw_sigma = 0.0;  // the same for a camera that may have been turned; here it is the corners' alone
   PoseFilter filter(rig, config);
   nanoseconds time{0};
   for (int i = 0; i < 500; ++i) {
@@ -366,4 +367,72 @@ TEST_CASE("lasting corner errors stay in the covariance however long the robot s
   // Bias of half the noise: a quarter of one sighting's variance cannot be averaged away.
   CHECK(filter.estimate(time)->covariance(1, 1) > 0.25 * one.covariance(1, 1));
   CHECK(filter.estimate(time)->covariance(1, 1) < 0.30 * one.covariance(1, 1));
+}
+
+namespace {
+
+// A robot that drives straight by its odometry past the station while something lasting is wrong: sightings of where it
+// truly is, through a camera whose yaw may be wrong.
+PoseEstimate after_drive(double pull, double stretch, double camera_yaw, const PoseFilterConfig& config) {
+  PoseFilter filter(rig, config);
+  const Pose2 ahead = camera_point(rig);
+  Pose2 truth{-4.0, 0.05, 0.02};
+  Pose2 odometry;
+  nanoseconds time{0};
+  for (int i = 0; i < 400; ++i) {
+    const double distance = i < 50 ? 0.0 : 0.004;  // stands for a second, then drives 1.4 m
+    const double turn = pull * distance;
+    truth = truth * Pose2{(1.0 + stretch) * distance, 0.0, turn};
+    odometry = odometry * Pose2{distance, 0.0, 0.0};
+    filter.predict({time, odometry, {distance / 0.02, 0.0}});
+    if (i % 2 == 0) {
+      const Pose2 camera = truth * ahead;
+      const Pose2 seen = Pose2{camera.x, camera.y, camera.yaw + camera_yaw} * inverse(ahead);
+      filter.update(sighting_at(seen, time));
+    }
+    time += milliseconds(20);
+  }
+  PoseEstimate result = *filter.estimate(time - milliseconds(20));
+  const Pose2 error = between(truth, result.T_station_base);
+  CHECK(std::hypot(error.x, error.y) < 0.002);
+  return result;
+}
+
+}  // namespace
+
+TEST_CASE("lasting errors of wheels and camera are found in motion, no farther off than claimed") {
+  // A floor without slip of its own, so that what is planted is what can be found: 3 sigma of the filter's own claim,
+  // and the claim itself at most two thirds of what was known before.
+  PoseFilterConfig config;
+  config.castors.front = config.castors.rear = 0.0;
+  config.yaw_noise = 0.001;
+  config.sideways_noise = 0.0005;
+  config.forward_noise = 0.001;
+  for (const double sign : {-1.0, 1.0}) {
+    CAPTURE(sign);
+    const PoseEstimate unequal = after_drive(sign * 0.008, 0.0, 0.0, config);
+    CHECK(std::abs(unequal.pull - sign * 0.008) < 3.0 * unequal.pull_sigma);
+    CHECK(unequal.pull_sigma < config.pull_sigma / 1.5);
+    const PoseEstimate worn = after_drive(0.0, sign * 0.005, 0.0, config);
+    CHECK(std::abs(worn.stretch - sign * 0.005) < 3.0 * worn.stretch_sigma);
+    CHECK(worn.stretch_sigma < config.stretch_sigma / 1.5);
+    const PoseEstimate knocked = after_drive(0.0, 0.0, sign * 0.0035, config);
+    CHECK(std::abs(knocked.camera_yaw - sign * 0.0035) < 3.0 * knocked.camera_yaw_sigma);
+    CHECK(knocked.camera_yaw_sigma < config.camera_yaw_sigma / 1.5);
+  }
+}
+
+TEST_CASE("at standstill nothing lasting is claimed to be known better than before") {
+  PoseFilterConfig config;
+  PoseFilter filter(rig, config);
+  nanoseconds time{0};
+  for (int i = 0; i < 300; ++i) {
+    filter.predict({time, {}, {}});
+    filter.update(sighting_at({-3.0, 0.1, 0.05}, time));
+    time += milliseconds(40);
+  }
+  const PoseEstimate estimate = *filter.estimate(time);
+  CHECK(estimate.pull_sigma == Approx(config.pull_sigma).epsilon(1e-6));
+  CHECK(estimate.stretch_sigma == Approx(config.stretch_sigma).epsilon(1e-6));
+  CHECK(estimate.camera_yaw_sigma == Approx(config.camera_yaw_sigma).epsilon(0.01));
 }
