@@ -52,6 +52,8 @@ class CameraOfLiveWorld final : public Camera {
   std::optional<CameraFrame> newest(nanoseconds now) override { return camera_->newest(now); }
   [[nodiscard]] CameraHealth health() const override { return camera_->health(); }
   [[nodiscard]] CameraSettings actual() const override { return camera_->actual(); }
+  void adjust(double exposure_us, double gain) override { camera_->adjust(exposure_us, gain); }
+  void trigger() override { camera_->trigger(); }
 
  private:
   std::unique_ptr<LiveWorld> world_;
@@ -65,6 +67,9 @@ GigeSettings gige_settings(const Config& config) {
   settings.gain = config.camera.gain;
   settings.width = config.rig.camera.width;
   settings.height = config.rig.camera.height;
+  settings.pixel_format = config.camera.pixel_format;
+  settings.ptp = config.camera.ptp;
+  settings.chunks = config.camera.chunks;
   settings.receive_buffer = static_cast<std::size_t>(config.camera.receive_buffer);
   settings.declared_latency = nanoseconds(static_cast<std::int64_t>(std::llround(config.camera.latency_ms * 1e6)));
   return settings;
@@ -109,19 +114,26 @@ Devices open_devices(const Config& config, const DeviceOptions& options) {
     devices.camera_name = "simulated, in-process";
   } else if (simulated_camera) {
     const std::string address = "127.0.0.1";
-    auto live = std::make_unique<LiveWorld>(world, config.simulation.faults, start, address);
+    GigeServerSettings served;
+    served.address = address;
+    auto live = std::make_unique<LiveWorld>(world, config.simulation.faults, start, served);
     GigeSettings settings = gige_settings(config);
     settings.address = address;
     auto camera = open_gige(settings, start);
     devices.camera = std::make_unique<CameraOfLiveWorld>(std::move(live), std::move(camera));
     devices.camera_name = "simulated, over GigE Vision at " + address;
   } else {
-    devices.camera = open_camera(argument, gige_settings(config), config.camera.frame_rate, start);
+    GigeSettings settings = gige_settings(config);
+    if (options.whole_sensor) settings.width = settings.height = 0;
+    devices.camera = open_camera(argument, settings, config.camera.frame_rate, start);
     devices.camera_name = config.camera.source;
   }
   const CameraSettings actual = devices.camera->actual();
   devices.notes = actual.notes;
-  devices.camera_model = model_of_frames(config.rig.camera, actual);
+  const CameraModel& calibrated = config.rig.camera;
+  const bool another_camera = options.whole_sensor && (actual.width * actual.binning != calibrated.width ||
+                                                       actual.height * actual.binning != calibrated.height);
+  devices.camera_model = another_camera ? calibrated : model_of_frames(calibrated, actual);
   devices.binning = actual.binning;
 
   if (config.robot == "sim") {

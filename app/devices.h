@@ -43,6 +43,8 @@ struct DeviceOptions {
   /// Simulation only: frames come in-process and time runs this many times faster than real; 0 as fast as it can.
   /// Without it the simulation runs in real time and its frames come over GigE Vision on loopback.
   std::optional<double> speedup;
+  /// A GigE camera sends its whole sensor, whatever camera the rig describes; the rig's camera model stays as it is.
+  bool whole_sensor = false;
 };
 
 /// Opens what the configuration asks for.

@@ -4,10 +4,12 @@
 #include <filesystem>
 #include <fstream>
 #include <iostream>
+#include <map>
 #include <memory>
 #include <sstream>
 #include <unistd.h>
 
+#include "app/auto_exposure.h"
 #include "app/config.h"
 #include "app/devices.h"
 #include "app/docking_loop.h"
@@ -16,6 +18,7 @@
 #include "app/failure.h"
 #include "app/fields.h"
 #include "app/phase_picture.h"
+#include "app/recording.h"
 #include "app/rig_file.h"
 #include "app/session.h"
 #include "app/stop_signal.h"
@@ -43,6 +46,7 @@ struct DockOptions {
   std::string report;
   std::string picture;
   std::string write_config;
+  bool compress = false;
   std::string phases;
   bool view = false;
   bool json = false;
@@ -81,25 +85,9 @@ Config configuration(const DockOptions& options) {
   return parse_config(to_yaml(config), "(configuration of this docking)");
 }
 
-// @param config_text  what the configuration of the run was parsed from
-std::string session_yaml(const std::string& config_text, const Devices& devices, std::uint64_t seed) {
-  std::string text = "format: 1\nprogram: \"tagdock " TAGDOCK_VERSION "\"\nseed: " + std::to_string(seed) +
-                     "\ncamera_name: \"" + devices.camera_name + "\"\nconfig:\n";
-  std::istringstream lines(config_text);
-  for (std::string line; std::getline(lines, line);) text += "  " + line + "\n";
-  return text;
-}
-
-std::string sensor_yaml(const Config& config) {
-  const CameraModel& camera = config.rig.camera;
-  char text[512];
-  std::snprintf(text, sizeof text,
-                "sensor_type: camera\nrate_hz: %.17g\nresolution: [%d, %d]\ncamera_model: pinhole\n"
-                "intrinsics: [%.17g, %.17g, %.17g, %.17g]\ndistortion_model: radial-tangential\n"
-                "distortion_coefficients: [%.17g, %.17g, %.17g, %.17g]\n",
-                config.camera.frame_rate, camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy,
-                camera.k1, camera.k2, camera.p1, camera.p2);
-  return text;
+// Also of a camera that is being opened again nothing can be expected.
+bool sends_frames(const CameraHealth& health) {
+  return health.state == "streaming" || health.state == "silent" || health.state == "ended";
 }
 
 // Stops the robot on every way out of the loop.
@@ -172,8 +160,10 @@ class Docking {
         T_base_camera_(camera_point(config.rig)),
         talk_(options.json) {
     if (!options.record.empty())
-      recorder_ = std::make_unique<SessionRecorder>(options.record, session_yaml(config_text, devices, options.seed),
-                                                    sensor_yaml(config), options.speedup.has_value());
+      recorder_ = std::make_unique<SessionRecorder>(
+          options.record, session_yaml(config_text, devices.camera_name, devices.camera->actual(), options.seed),
+          sensor_yaml(config.rig.camera, config.camera.frame_rate), options.speedup.has_value(),
+          RecorderOptions{options.compress, {}});
     if (options.view) view_ = std::make_unique<View>("tagdock", config.rig.camera.width, config.rig.camera.height);
     story_.board = config.board;
     story_.dock_pose = config.docking.dock_pose;
@@ -200,8 +190,9 @@ class Docking {
       }
       const CameraHealth health = devices_.camera->health();
       inputs.now = devices_.clock->now();
-      inputs.camera = health.state == "lost" ? CameraState::lost : CameraState::streaming;
-      inputs.camera_sentence = inputs.camera == CameraState::lost ? health.reason : "";
+      inputs.camera = sends_frames(health) ? CameraState::streaming : CameraState::lost;
+      if (inputs.camera == CameraState::lost)
+        inputs.camera_sentence = health.reason.empty() ? "the camera is " + health.state : health.reason;
       if (camera_frame) inputs.frame = camera_frame->frame;
       if (stop_signal.requested()) {
         inputs.request = Request::stop;
@@ -210,6 +201,7 @@ class Docking {
       const DockingLoop::Outputs outputs = loop_.cycle(inputs);
       if (inputs.robot_linked) devices_.robot->drive(outputs.docking.command);
 
+      if (camera_frame) watch_exposure(*camera_frame, outputs);
       record(outputs, camera_frame);
       tell(inputs, outputs, report);
       if (camera_frame) {
@@ -235,6 +227,16 @@ class Docking {
                                 wrap_angle(truth.yaw - config_.docking.dock_pose.yaw)};
     }
     talk_.clear();
+    constexpr double sharp_px = 1.0;
+    if (largest_blur_px_ > sharp_px) {
+      char text[200];
+      std::snprintf(text, sizeof text,
+                    "the picture moved by up to %.1f px during an exposure of %.0f us: below %.0f us it stays sharp to "
+                    "a pixel (camera.exposure_us, or auto_exposure)",
+                    largest_blur_px_, blurred_exposure_us_, blurred_exposure_us_ / largest_blur_px_);
+      talk_.event(end, std::string("advice: ") + text);
+      if (recorder_) recorder_->line(SessionStream::events, std::to_string(end.count()) + "," + text);
+    }
     if (recorder_) {
       recorder_->finish();
       const RecorderHealth health = recorder_->health();
@@ -248,6 +250,50 @@ class Docking {
   [[nodiscard]] const DockingStory& story() const { return story_; }
 
  private:
+  // Motion blur, and with camera.auto_exposure the tags' brightness. Nothing of the docking depends on it.
+  void watch_exposure(const CameraFrame& frame, const DockingLoop::Outputs& outputs) {
+    const BoardSighting* board = outputs.sighting ? std::get_if<BoardSighting>(&*outputs.sighting) : nullptr;
+    if (board == nullptr) {
+      last_corners_.clear();
+      return;
+    }
+    std::map<int, Corners> corners;
+    std::vector<Corners> tags;
+    double moved_px = 0.0;
+    for (const RefinedTag& tag : board->tags) {
+      corners[tag.id] = tag.corners_px;
+      tags.push_back(tag.corners_px);
+      if (const auto before = last_corners_.find(tag.id); before != last_corners_.end())
+        for (std::size_t i = 0; i < 4; ++i)
+          moved_px = std::max(moved_px, (tag.corners_px[i] - before->second[i]).norm());
+    }
+    const double seconds = std::chrono::duration<double>(frame.frame.time - last_seen_).count();
+    constexpr double same_motion_s = 0.2;
+    const double speed_px =
+        !last_corners_.empty() && seconds > 0.0 && seconds < same_motion_s ? moved_px / seconds : 0.0;
+    last_corners_ = std::move(corners);
+    last_seen_ = frame.frame.time;
+    if (const double blur_px = 1e-6 * frame.exposure_us * speed_px; blur_px > largest_blur_px_) {
+      largest_blur_px_ = blur_px;
+      blurred_exposure_us_ = frame.exposure_us;
+    }
+    if (!config_.camera.auto_exposure) return;
+    // From here on the edges are measured for the last time: half a metre and the fix itself.
+    constexpr double final_approach = 0.5;
+    const std::string phase(name(loop_.docker().phase()));
+    const bool frozen =
+        phase == "fixing" || (outputs.docking.distance_to_go && *outputs.docking.distance_to_go < final_approach);
+    const auto light = meter(frame.frame.gray, tags);
+    if (!light) return;
+    if (const auto wanted = exposure_.next(*light, {frame.exposure_us, frame.gain}, speed_px, frozen)) {
+      devices_.camera->adjust(wanted->exposure_us, wanted->gain_db);
+      char text[120];
+      std::snprintf(text, sizeof text, "exposure %.0f us; gain %.1f dB (the tags' white was at %.0f %%)",
+                    wanted->exposure_us, wanted->gain_db, 100.0 * light->white);
+      if (recorder_) recorder_->line(SessionStream::events, std::to_string(frame.arrived.count()) + "," + text);
+    }
+  }
+
   void record(const DockingLoop::Outputs& outputs, const std::optional<CameraFrame>& frame) {
     if (!recorder_) return;
     if (frame) recorder_->frame(*frame);
@@ -299,6 +345,11 @@ class Docking {
   Talk talk_;
   std::unique_ptr<SessionRecorder> recorder_;
   std::unique_ptr<View> view_;
+  AutoExposure exposure_{AutoExposureConfig{}};
+  std::map<int, Corners> last_corners_;  ///< of the tags in the last frame
+  nanoseconds last_seen_{0};
+  double largest_blur_px_ = 0.0;
+  double blurred_exposure_us_ = 0.0;
   DockingStory story_;
 };
 
@@ -378,6 +429,8 @@ void add_dock(CLI::App& program, Action& action) {
   verb->add_option("--scenario", options->scenario, "simulation: the world (YAML, see data/scenarios)");
   verb->add_option("--method", options->method, "how corners are made: apriltag tanh filter erf best");
   verb->add_option("--record", options->record, "write a session folder there; it must not exist or be empty");
+  verb->add_flag("--compress", options->compress,
+                 "with --record: frames as PNG, half the disk for a quarter of a processor");
   verb->add_option("--station", options->station, "off; the station page comes with a later version")
       ->capture_default_str();
   verb->add_option("--seed", options->seed, "simulation: seed of start pose, slip and noise")->capture_default_str();

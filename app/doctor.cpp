@@ -5,12 +5,16 @@
 #include <iostream>
 #include <memory>
 #include <netinet/in.h>
+#include <sys/mman.h>
+#include <sys/resource.h>
 #include <sys/socket.h>
+#include <sys/timex.h>
 #include <thread>
 #include <unistd.h>
 
 #include <nlohmann/json.hpp>
 
+#include "app/cameras/gige.h"
 #include "app/cameras/gvcp_probe.h"
 #include "app/cameras/receive_buffer.h"
 #include "app/config.h"
@@ -98,6 +102,121 @@ Finding check_camera(const Config& config) {
           "sim, gige:127.x.y.z, gige:SERIAL or images:DIR"};
 }
 
+Finding check_control(const Config& config) {
+  if (!config.camera.source.starts_with("gige:") || config.camera.source.find('.') == std::string::npos)
+    return {Verdict::good, "no network camera is asked for, so nobody can hold its control", ""};
+  const LoopbackAddress address(config.camera.source.substr(5));
+  const auto controlled = is_controlled(address, std::chrono::milliseconds(200));
+  if (controlled.value_or(false))
+    return {Verdict::fault, "another program controls the camera at " + address.text(),
+            "end that program; one that crashed lets go after 3 s"};
+  return {Verdict::good, "nobody else controls the camera at " + address.text(), ""};
+}
+
+Finding check_untested(const Config& config) {
+  std::string used;
+  if (config.camera.ptp) used += " ptp";
+  if (config.camera.chunks) used += " chunks";
+  if (config.camera.pixel_format != "Mono8") used += " " + config.camera.pixel_format;
+  const std::string what =
+      "tried with the simulated camera only: packet resend, software trigger, 16-bit pixels, PTP status; untested: "
+      "clock by PTP, chunk data, 10- and 12-bit pixels, automatic packet size";
+  if (used.empty()) return {Verdict::good, what + " (none is switched on)", ""};
+  return {Verdict::advice, what + "; switched on:" + used,
+          "try it before relying on it, or leave camera." + used.substr(1) + " off"};
+}
+
+Finding check_client() {
+  try {
+    GigeSettings nobody;
+    nobody.address = "127.255.255.254";  // never given to a camera
+    (void)open_gige(nobody, std::chrono::steady_clock::now());
+  } catch (const Failure& failure) {
+    const std::string sentence = failure.what();
+    if (sentence.find("no camera at") != std::string::npos)
+      return {Verdict::good, "the process that talks to GigE cameras starts and answers", ""};
+    return {Verdict::fault, "GigE cameras cannot be used: " + sentence,
+            "install libaravis-0.8-0, and allow new processes"};
+  }
+  return {Verdict::advice, "something answers as a camera at 127.255.255.254", "end that program"};
+}
+
+Finding check_permissions(const std::string& folder) {
+  std::string missing;
+  if (::access(folder.c_str(), W_OK) != 0) missing += ", writing to " + folder;
+  if (const int socket = ::socket(AF_INET, SOCK_DGRAM, 0); socket >= 0)
+    ::close(socket);
+  else
+    missing += ", UDP sockets";
+  if (const int memory = ::memfd_create("doctor", MFD_CLOEXEC); memory >= 0)
+    ::close(memory);
+  else
+    missing += ", shared memory";
+  rlimit handles{};
+  ::getrlimit(RLIMIT_NOFILE, &handles);
+  constexpr rlim_t enough = 256;
+  if (handles.rlim_cur < enough) missing += ", " + std::to_string(enough) + " open files (ulimit -n)";
+  if (missing.empty()) return {Verdict::good, "sockets, shared memory, open files and " + folder + " are allowed", ""};
+  return {Verdict::fault, "not allowed: " + missing.substr(2),
+          "give this user the right, or run as another one; root is not needed"};
+}
+
+Finding check_calibration(const Config& config, bool given) {
+  const CameraModel& camera = config.rig.camera;
+  const double view_deg = degrees(horizontal_view(camera));
+  char figures[200];
+  std::snprintf(figures, sizeof figures,
+                "calibration: %dx%d pixels, f %.1f px, view %.0f degrees, camera %.2f m above the floor", camera.width,
+                camera.height, camera.fx, view_deg, config.rig.T_base_camera.translation().z());
+  const bool centred = std::abs(camera.cx - 0.5 * camera.width) < 0.15 * camera.width &&
+                       std::abs(camera.cy - 0.5 * camera.height) < 0.15 * camera.height;
+  const bool square = std::abs(camera.fx / camera.fy - 1.0) < 0.05;
+  if (!centred || !square)
+    return {Verdict::fault, std::string(figures) + "; the centre or the pixels' shape is not a lens'",
+            "calibrate again: tagdock calibrate intrinsics"};
+  if (!given && config.camera.source != "sim")
+    return {Verdict::fault, std::string(figures) + ": the built-in one, not that of your camera",
+            "give the result of tagdock calibrate with --rig"};
+  return {Verdict::good, figures, ""};
+}
+
+Finding check_robot(const Config& config) {
+  if (config.robot == "sim") return {Verdict::good, "robot link: the simulated robot, in this process", ""};
+  if (config.robot == "none")
+    return {Verdict::advice, "robot link: none, so nothing will be driven",
+            "set robot in the configuration, or --robot"};
+  return {Verdict::advice, "robot link: " + config.robot + " is opened only by dock",
+          "tagdock dock says within a second whether it answers"};
+}
+
+Finding check_clock() {
+  timespec resolution{};
+  ::clock_getres(CLOCK_MONOTONIC, &resolution);
+  if (resolution.tv_sec > 0 || resolution.tv_nsec > 1'000'000)
+    return {Verdict::fault, "the steady clock has steps of more than 1 ms", "use a kernel with high-resolution timers"};
+  timex state{};
+  const bool followed = ::adjtimex(&state) != TIME_ERROR;
+  // How late a sleep of 1 ms ends tells how late a control cycle may begin.
+  double latest_ms = 0.0;
+  for (int i = 0; i < 50; ++i) {
+    const auto before = std::chrono::steady_clock::now();
+    std::this_thread::sleep_for(std::chrono::milliseconds(1));
+    latest_ms = std::max(
+        latest_ms, std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - before).count() - 1.0);
+  }
+  char figures[160];
+  std::snprintf(figures, sizeof figures, "clock: steady, in steps of %ld ns; a sleep of 1 ms ended up to %.1f ms late",
+                resolution.tv_nsec, latest_ms);
+  constexpr double late_ms = 20.0;  // a cycle
+  if (latest_ms > late_ms)
+    return {Verdict::advice, std::string(figures) + ": this machine is busy", "end other work while docking"};
+  if (!followed)
+    return {Verdict::advice,
+            std::string(figures) + "; the wall clock follows no server, so dates of recordings may be off",
+            "install systemd-timesyncd or chrony; docking does not need it"};
+  return {Verdict::good, figures, ""};
+}
+
 Finding check_disk(const std::string& folder) {
   std::error_code error;
   const auto space = std::filesystem::space(folder, error);
@@ -143,12 +262,19 @@ int doctor(const DoctorOptions& options) {
     findings.push_back(
         {Verdict::good, options.config.empty() ? "the built-in configuration" : options.config + " is sound", ""});
     findings.push_back(check_view(config));
+    findings.push_back(check_calibration(config, !options.config.empty() || !options.rig.empty()));
     findings.push_back(check_camera(config));
+    findings.push_back(check_control(config));
+    findings.push_back(check_untested(config));
+    findings.push_back(check_robot(config));
   } catch (const Failure& failure) {
     findings.push_back({Verdict::fault, failure.what(), "mend that line"});
   }
   findings.push_back(check_loopback());
   findings.push_back(check_receive_buffer(config));
+  findings.push_back(check_client());
+  findings.push_back(check_permissions(options.record));
+  findings.push_back(check_clock());
   findings.push_back(check_disk(options.record));
   findings.push_back(check_processors());
   findings.push_back(check_screen());

@@ -3,6 +3,7 @@
 #include <iostream>
 #include <string>
 
+#include "app/cameras/gige_process.h"
 #include "app/failure.h"
 #include "app/verbs.h"
 
@@ -11,6 +12,8 @@ int main(int argc, char** argv) {
   CLI::App program("Docks a mobile robot at its station with one camera and AprilTags.", "tagdock");
   program.require_subcommand(1);
   program.set_version_flag("--version", std::string("tagdock " TAGDOCK_VERSION));
+  // The process of the Aravis client (app/cameras/gige.h): not a verb, it says nothing to people.
+  if (argc == 2 && std::string(argv[1]) == gige_client_word) return serve_gige_client(gige_client_socket);
   Action action;
   add_dock(program, action);
   add_replay(program, action);
@@ -19,6 +22,9 @@ int main(int argc, char** argv) {
   add_evaluate(program, action);
   add_calibrate(program, action);
   add_doctor(program, action);
+  add_record(program, action);
+  add_export(program, action);
+  add_camera_sim(program, action);
   try {
     program.parse(argc, argv);
     return action();

@@ -5,13 +5,16 @@
 #include <iostream>
 #include <memory>
 #include <thread>
+#include <unistd.h>
 
 #include <nlohmann/json.hpp>
 
 #include "app/camera_file.h"
-#include "app/cameras/image_sequence.h"
 #include "app/detect.h"
 #include "app/failure.h"
+#include "app/frame_source.h"
+#include "app/png_file.h"
+#include "app/replay_difference.h"
 #include "app/rig_file.h"
 #include "app/session_replay.h"
 #include "app/verbs.h"
@@ -31,6 +34,10 @@ struct ReplayOptions {
   std::string method;
   std::string output;
   bool json = false;
+  double from = 0.0;
+  double to = 1e12;
+  double rate = 25.0;
+  bool step = false;
 };
 
 void write_stream(const std::filesystem::path& folder, SessionStream stream, const std::string& file,
@@ -41,8 +48,52 @@ void write_stream(const std::filesystem::path& folder, SessionStream stream, con
   if (!out.flush()) throw Failure(ExitCode::usage, "--output " + (folder / file).string() + ": cannot be written");
 }
 
-int replay_session(const ReplayOptions& options) {
-  const Session session = read_session(options.folder);
+/// Holds replay back for who looks on: its speed from --from on, and one picture at a time with --step.
+class Pace {
+ public:
+  explicit Pace(const ReplayOptions& options) : options_(options) {}
+
+  /// @param seconds  since the beginning of the recording
+  /// @return         false when it shall end here
+  bool at(double seconds, const std::string& what) {
+    if (seconds > options_.to) return false;
+    if (seconds < options_.from) return true;  // as fast as it can, to get there with the same state
+    if (!begin_) {
+      begin_ = std::chrono::steady_clock::now();
+      first_ = seconds;
+    }
+    if (options_.speed > 0.0)
+      std::this_thread::sleep_until(
+          *begin_ + std::chrono::nanoseconds(static_cast<std::int64_t>(1e9 * (seconds - first_) / options_.speed)));
+    if (!options_.step || what.empty()) return true;
+    std::fprintf(stderr, "%8.3f s  %s   [Enter: next, q: end]\n", seconds, what.c_str());
+    std::string typed;
+    return static_cast<bool>(std::getline(std::cin, typed)) && typed != "q";
+  }
+
+ private:
+  const ReplayOptions& options_;
+  std::optional<std::chrono::steady_clock::time_point> begin_;
+  double first_ = 0.0;
+};
+
+nlohmann::ordered_json to_json(const ReplayDifference& made) {
+  return {
+      {"seen_by_both", made.seen_by_both},
+      {"only_recorded", made.only_recorded},
+      {"only_replayed", made.only_replayed},
+      {"shift_mm", {{"median", made.shift_median_mm}, {"p95", made.shift_95_mm}, {"largest", made.shift_largest_mm}}},
+      {"turn_deg", {{"median", made.turn_median_deg}, {"p95", made.turn_95_deg}, {"largest", made.turn_largest_deg}}},
+      {"commands_compared", made.commands_compared},
+      {"commands_different", made.commands_different},
+      {"linear_largest", made.linear_largest},
+      {"angular_largest", made.angular_largest},
+      {"first_different_command", made.first_different_command},
+      {"phases_recorded", made.phases_recorded},
+      {"phases_replayed", made.phases_replayed}};
+}
+
+int replay_session(const ReplayOptions& options, const Session& session) {
   for (const std::string& remark : session.remarks) std::cerr << "replay: " << remark << "\n";
   const SessionHead head = read_session_head(options.folder);
   Config config = head.config;
@@ -52,15 +103,15 @@ int replay_session(const ReplayOptions& options) {
   if (!options.method.empty()) config.locator.method = *corner_method(options.method);
   config.docking.rig = config.rig;
 
-  const auto begin = std::chrono::steady_clock::now();
+  Pace pace(options);
   const ReplayResult result =
-      replay(session, config, [&](const DockingLoop::Inputs& inputs, const DockingLoop::Outputs&) {
-        if (options.speed > 0.0)
-          std::this_thread::sleep_until(
-              begin + std::chrono::duration_cast<std::chrono::nanoseconds>(std::chrono::duration<double, std::nano>(
-                          static_cast<double>(inputs.now.count()) / options.speed)));
-        return true;
+      replay(session, config, [&](const DockingLoop::Inputs& inputs, const DockingLoop::Outputs& outputs) {
+        std::string what;
+        if (options.step && outputs.sighting_line)
+          what = outputs.sighting_line->substr(0, 90) + "  command " + outputs.command_line;
+        return pace.at(std::chrono::duration<double>(inputs.now).count(), what);
       });
+  const ReplayDifference made = difference(session, result);
   if (!options.output.empty()) {
     std::filesystem::create_directories(options.output);
     write_stream(options.output, SessionStream::sightings, "sightings.csv", result.sighting_lines);
@@ -76,6 +127,8 @@ int replay_session(const ReplayOptions& options) {
     json["last_phase"] = result.last_phase;
     json["differences"] = result.difference_count;
     json["first_differences"] = result.differences;
+    json["difference"] = to_json(made);
+    json["recorded_frames"] = session.frames.size();
     json["remarks"] = session.remarks;
     std::cout << json.dump(2) << "\n";
   } else {
@@ -85,32 +138,87 @@ int replay_session(const ReplayOptions& options) {
     if (result.difference_count == 0)
       std::printf("bit-equal: every sighting, phase and command is as it was recorded\n");
     else
-      std::printf("%llu lines differ from the recording\n", static_cast<unsigned long long>(result.difference_count));
+      std::printf("%llu lines differ from the recording\n%s", static_cast<unsigned long long>(result.difference_count),
+                  words(made).c_str());
     for (const std::string& difference : result.differences) std::printf("%s\n", difference.c_str());
   }
   return static_cast<int>(options.compare && result.difference_count > 0 ? ExitCode::failed : ExitCode::done);
 }
 
-// The board in each image, as lines of sightings.csv; images are taken one a second.
-std::vector<std::string> board_sightings(const ReplayOptions& options) {
-  const Rig rig = read_rig(options.rig);
-  const Board board = read_board(options.board);
+// The board in each picture, as lines of sightings.csv. Pictures that cannot be read are said and left out.
+std::vector<std::string> board_sightings(const ReplayOptions& options, const Rig& rig, const Board& board,
+                                         const FrameSource& source, bool& spoiled) {
   TagLocatorConfig config;
   config.detector.family = board.family;
   if (!options.method.empty()) config.method = *corner_method(options.method);
   const TagLocator locator(rig, board, config);
   std::vector<std::string> lines;
-  ImageSequence images({options.folder, 1.0});
-  while (const std::optional<CameraFrame> image = images.next()) {
-    const cv::Size size = image->frame.gray.size();
+  Pace pace(options);
+  for (const SourceFrame& one : source.frames) {
+    Frame frame{{}, one.time, one.number};
+    try {
+      frame.gray = one.load();
+    } catch (const Failure& failure) {
+      std::cerr << "replay: " << failure.what() << "\n";
+      spoiled = true;
+      continue;
+    }
+    const cv::Size size = frame.gray.size();
     if (size.width != rig.camera.width || size.height != rig.camera.height)
-      throw Failure(ExitCode::usage, images.files()[image->frame.number].string() + ": is " +
-                                         std::to_string(size.width) + "x" + std::to_string(size.height) +
-                                         ", and the rig's camera is " + std::to_string(rig.camera.width) + "x" +
-                                         std::to_string(rig.camera.height));
-    lines.push_back(sighting_line(image->frame, locator.locate(image->frame, std::nullopt)));
+      throw Failure(ExitCode::usage, one.name + ": is " + std::to_string(size.width) + "x" +
+                                         std::to_string(size.height) + ", and the rig's camera is " +
+                                         std::to_string(rig.camera.width) + "x" + std::to_string(rig.camera.height));
+    lines.push_back(sighting_line(frame, locator.locate(frame, std::nullopt)));
+    const double seconds = std::chrono::duration<double>(one.time - source.frames.front().time).count() + options.from;
+    if (!pace.at(seconds, one.name + "  " + lines.back().substr(0, 90))) break;
   }
   return lines;
+}
+
+void show_sightings(const ReplayOptions& options, const std::vector<std::string>& lines) {
+  if (!options.output.empty()) {
+    std::filesystem::create_directories(options.output);
+    write_stream(options.output, SessionStream::sightings, "sightings.csv", lines);
+    return;
+  }
+  std::cout << header(SessionStream::sightings) << "\n";
+  for (const std::string& text : lines) std::cout << text << "\n";
+}
+
+int replay_images(const ReplayOptions& options);
+
+// A recording without a docking: what would be seen in it.
+int replay_recording(const ReplayOptions& options) {
+  if (options.compare)
+    throw Failure(ExitCode::usage, "--compare: nothing was done in this recording that could be compared");
+  const SessionHead head = read_session_head(options.folder);
+  Rig rig = options.rig.empty() ? head.config.rig : read_rig(options.rig);
+  if (!options.camera.empty()) rig.camera = CameraFile::load(options.camera).camera();
+  const Board board = options.board.empty() ? head.config.board : read_board(options.board);
+  FrameSource source = open_frames(options.folder, options.rate);
+  const std::size_t recorded = source.frames.size();
+  if (const cv::Size size = source.frames.front().load().size();
+      options.rig.empty() && (size.width != rig.camera.width || size.height != rig.camera.height)) {
+    std::cerr << "replay: recorded without a calibration of this camera (" << size.width << "x" << size.height
+              << "): tags are looked for, not the board; --rig gives one\n";
+    return replay_images(options);
+  }
+  keep_between(source, options.from, options.to);
+  bool spoiled = false;
+  const std::vector<std::string> lines = board_sightings(options, rig, board, source, spoiled);
+  if (options.json) {
+    nlohmann::ordered_json json;
+    json["schema"] = "tagdock-replay/1";
+    json["recorded_frames"] = recorded;
+    json["frames"] = lines.size();
+    json["sightings"] = std::count_if(
+        lines.begin(), lines.end(), [](const std::string& line) { return line.find(",board,") != std::string::npos; });
+    json["remarks"] = source.remarks;
+    std::cout << json.dump(2) << "\n";
+  } else {
+    show_sightings(options, lines);
+  }
+  return static_cast<int>(spoiled ? ExitCode::usage : ExitCode::done);
 }
 
 int replay_images(const ReplayOptions& options) {
@@ -118,8 +226,31 @@ int replay_images(const ReplayOptions& options) {
     throw Failure(ExitCode::usage, "--compare needs a session folder; images have nothing to compare with");
   if (options.board.empty() != options.rig.empty())
     throw Failure(ExitCode::usage, "for the pose of a board in images, --board and --rig go together");
+  FrameSource source = open_frames(options.folder, options.rate);
+  for (const std::string& remark : source.remarks) std::cerr << "replay: " << remark << "\n";
+  keep_between(source, options.from, options.to);
+  if (source.frames.empty()) throw Failure(ExitCode::usage, "there is no picture between --from and --to");
   DetectOptions detect;
-  for (const std::filesystem::path& file : list_images(options.folder)) detect.images.push_back(file.string());
+  // The pictures of a video become files first, beside what is made of them.
+  std::filesystem::path cut;
+  const bool keep_cut = !options.output.empty();
+  if (source.kind == "video") {
+    cut = (keep_cut ? std::filesystem::path(options.output) : std::filesystem::temp_directory_path()) /
+          ("frames_" + std::to_string(::getpid()));
+    std::filesystem::create_directories(cut);
+  }
+  for (const SourceFrame& frame : source.frames) {
+    if (!frame.file.empty()) {
+      detect.images.push_back(frame.file);
+      continue;
+    }
+    char name[32];
+    std::snprintf(name, sizeof name, "I%06llu.png", static_cast<unsigned long long>(frame.number));
+    const std::vector<std::uint8_t> png = png_of(frame.load(), "");
+    std::ofstream(cut / name, std::ios::binary)
+        .write(reinterpret_cast<const char*>(png.data()), static_cast<std::streamsize>(png.size()));
+    detect.images.push_back((cut / name).string());
+  }
   detect.camera = options.camera.empty() ? options.rig : options.camera;
   detect.family = options.family;
   detect.tag_size = options.tag_size;
@@ -130,24 +261,27 @@ int replay_images(const ReplayOptions& options) {
     detect.output = (std::filesystem::path(options.output) / (options.json ? "tags.json" : "tags.csv")).string();
     detect.annotate = options.output;
   }
-  const int code = detect_images(detect);
+  int code = detect_images(detect);
+  if (!cut.empty() && !keep_cut) std::filesystem::remove_all(cut);
   if (options.board.empty()) return code;
-  const std::vector<std::string> lines = board_sightings(options);
-  if (options.output.empty()) {
-    std::cout << header(SessionStream::sightings) << "\n";
-    for (const std::string& text : lines) std::cout << text << "\n";
-  } else {
-    write_stream(options.output, SessionStream::sightings, "sightings.csv", lines);
-  }
+  bool spoiled = false;
+  show_sightings(options, board_sightings(options, read_rig(options.rig), read_board(options.board), source, spoiled));
+  if (spoiled && code == 0) code = static_cast<int>(ExitCode::usage);
   return code;
 }
 
 int replay_any(const ReplayOptions& options) {
+  if (!(options.rate > 0.0 && options.rate <= 1e4))
+    throw Failure(ExitCode::usage, "--rate must be between 0 and 10000 pictures a second");
+  if (!(options.from <= options.to)) throw Failure(ExitCode::usage, "--from must not be after --to");
   if (!options.method.empty() && !corner_method(options.method))
     throw Failure(ExitCode::usage,
                   "--method is " + options.method + "; it must be one of apriltag tanh filter erf best");
   const bool session = std::filesystem::is_regular_file(std::filesystem::path(options.folder) / "session.yaml");
-  return session ? replay_session(options) : replay_images(options);
+  if (!session) return replay_images(options);
+  const Session read = read_session(options.folder);
+  return read.ticks.empty() && read.commands.empty() && !read.frames.empty() ? replay_recording(options)
+                                                                             : replay_session(options, read);
 }
 
 }  // namespace
@@ -156,11 +290,17 @@ void add_replay(CLI::App& program, Action& action) {
   auto options = std::make_shared<ReplayOptions>();
   CLI::App* verb = program.add_subcommand(
       "replay", "Repeats a recorded docking through the same code, or looks for tags in a folder of images.");
-  verb->add_option("folder", options->folder, "session folder, folder of images, or numbered pattern (I%04d.pgm)")
+  verb->add_option("folder", options->folder,
+                   "session folder, folder of images, numbered pattern (I%04d.pgm), EuRoC or TUM folder, or video")
       ->required();
   verb->add_flag("--compare", options->compare,
                  "succeed only if every sighting, phase and command is as it was recorded, to the last bit");
   verb->add_option("--speed", options->speed, "times real time; 0 as fast as it can")->capture_default_str();
+  verb->add_option("--from", options->from, "go there as fast as it can, then at --speed: seconds from the beginning");
+  verb->add_option("--to", options->to, "end there: seconds from the beginning");
+  verb->add_flag("--step", options->step, "one frame at a time: Enter for the next, q to end");
+  verb->add_option("--rate", options->rate, "images: pictures a second, where they have no times")
+      ->capture_default_str();
   verb->add_option("--camera", options->camera, "use this camera file instead of the recorded one");
   verb->add_option("--rig", options->rig, "use this rig file instead of the recorded one; images: with --board");
   verb->add_option("--board", options->board, "use this board file instead of the recorded one; images: with --rig");

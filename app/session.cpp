@@ -4,13 +4,17 @@
 #include <charconv>
 #include <cinttypes>
 #include <cstdio>
+#include <cstring>
+#include <fcntl.h>
 #include <map>
+#include <set>
 #include <sstream>
+#include <unistd.h>
 #include <zlib.h>
 
-#include <opencv2/imgcodecs.hpp>
-
 #include "app/failure.h"
+#include "app/image_file.h"
+#include "app/png_file.h"
 
 namespace tagdock {
 namespace {
@@ -18,7 +22,7 @@ namespace {
 constexpr std::uintmax_t free_at_start = 2'000'000'000;  // HOUSE.md: a recording does not start with less
 constexpr std::uintmax_t free_at_end = 500'000'000;      // and ends here
 constexpr std::size_t longest_queue = 30;                // frames: one second, 39 MB at 1280x1024
-constexpr std::size_t check_disk_every = 50'000'000;     // bytes written between two looks at the free space
+constexpr std::chrono::seconds look_at_disk_every{1};    // at 1280x1024 and 30 frames a second: 39 MB
 
 constexpr std::array<const char*, 5> stream_files = {"odometry.csv", "sightings.csv", "commands.csv", "phases.csv",
                                                      "events.csv"};
@@ -119,6 +123,72 @@ std::vector<std::string> lines_of(const std::filesystem::path& file, std::vector
   return lines;
 }
 
+/// Whether a frame's file was written to its end; looks at its beginning and its size only.
+bool is_whole(const std::filesystem::path& file) {
+  std::ifstream stream(file, std::ios::binary);
+  std::error_code error;
+  const std::uintmax_t size = std::filesystem::file_size(file, error);
+  if (!stream || error) return false;
+  if (file.extension() == ".png") {
+    constexpr std::array<char, 12> end{0, 0, 0, 0, 'I', 'E', 'N', 'D', '\xae', '\x42', '\x60', '\x82'};
+    std::array<char, end.size()> last{};
+    stream.seekg(-static_cast<std::streamoff>(end.size()), std::ios::end);
+    stream.read(last.data(), last.size());
+    return stream && last == end;
+  }
+  std::array<char, 400> head{};
+  stream.read(head.data(), head.size() - 1);
+  const char* at = std::strchr(head.data(), '\n');
+  if (std::strncmp(head.data(), "P5", 2) != 0 || at == nullptr) return false;
+  while (at != nullptr && at[1] == '#') at = std::strchr(at + 1, '\n');
+  unsigned long width = 0, height = 0;
+  int used = 0;
+  if (at == nullptr || std::sscanf(at, "%lu %lu 255%n", &width, &height, &used) != 2 || used == 0) return false;
+  constexpr unsigned long most = 1UL << 16;
+  if (width > most || height > most) return false;
+  return size == static_cast<std::uintmax_t>(at - head.data() + used + 1) + std::uintmax_t{width} * height;
+}
+
+/// A frame from what its file says of itself; none if it says nothing, or is not whole.
+std::optional<RecordedFrame> frame_of_itself(const std::filesystem::path& file) {
+  std::ifstream stream(file, std::ios::binary);
+  std::string head(400, '\0');
+  stream.read(head.data(), static_cast<std::streamsize>(head.size()));
+  const auto begin = head.find("tagdock 1 seq=");
+  if (begin == std::string::npos || !is_whole(file)) return std::nullopt;
+  RecordedFrame frame;
+  std::int64_t time = 0;
+  std::uint64_t sequence = 0;
+  if (std::sscanf(head.c_str() + begin, "tagdock 1 seq=%" SCNu64 " t_ns=%" SCNd64 " id=%" SCNu64 " exp_us=%lf gain=%lf",
+                  &sequence, &time, &frame.number, &frame.exposure_us, &frame.gain) != 5)
+    return std::nullopt;
+  const auto pixels = read_grey(file);
+  if (!std::holds_alternative<cv::Mat1b>(pixels)) return std::nullopt;
+  frame.file = file;
+  frame.time = frame.arrived = frame.camera_time = std::chrono::nanoseconds(time);
+  frame.crc32 = checksum(std::get<cv::Mat1b>(pixels));
+  return frame;
+}
+
+/// Whole frames that have no line, for the program was killed between the two.
+void adopt_frames(Session& session, const std::set<std::string>& known) {
+  std::error_code error;
+  std::vector<std::filesystem::path> found;
+  for (std::filesystem::directory_iterator at(session.folder / "cam0" / "data", error), end; !error && at != end;
+       at.increment(error))
+    if (!known.contains(at->path().filename().string())) found.push_back(at->path());
+  std::sort(found.begin(), found.end());
+  for (const std::filesystem::path& file : found) {
+    const std::string name = file.filename().string();
+    if (const auto frame = frame_of_itself(file)) {
+      session.frames.push_back(*frame);
+      session.remarks.push_back(name + " has no line in data.csv; taken from what it says of itself");
+    } else {
+      session.remarks.push_back(name + " has no line in data.csv and is not whole; left out");
+    }
+  }
+}
+
 }  // namespace
 
 std::string header(SessionStream stream) {
@@ -152,8 +222,8 @@ std::string line(const Odometry& odometry) {
 }
 
 SessionRecorder::SessionRecorder(const std::filesystem::path& folder, const std::string& session_yaml,
-                                 const std::string& sensor_yaml, bool wait)
-    : folder_(folder), wait_(wait) {
+                                 const std::string& sensor_yaml, bool wait, RecorderOptions options)
+    : folder_(folder), wait_(wait), options_(std::move(options)) {
   const auto refuse = [&](const std::string& why) {
     throw Failure(ExitCode::usage, "--record " + folder.string() + ": " + why);
   };
@@ -163,9 +233,8 @@ SessionRecorder::SessionRecorder(const std::filesystem::path& folder, const std:
     refuse("exists and is not an empty folder; nothing recorded is ever overwritten, name a new one");
   std::filesystem::create_directories(folder_ / "cam0" / "data", error);
   if (error) refuse("cannot be created: " + error.message());
-  const auto space = std::filesystem::space(folder_, error);
-  if (!error && space.available < free_at_start)
-    refuse("only " + std::to_string(space.available / 1'000'000) + " MB are free there; a recording needs 2000 MB");
+  if (const std::uintmax_t available = free_space(); available < free_at_start)
+    refuse("only " + std::to_string(available / 1'000'000) + " MB are free there; a recording needs 2000 MB");
   const auto write_whole = [&](const std::filesystem::path& file, const std::string& text) {
     std::ofstream stream(file);
     stream << text << std::flush;
@@ -197,7 +266,12 @@ void SessionRecorder::frame(const CameraFrame& frame) {
     }
     taken_.wait(lock, [this] { return queued_frames_ < longest_queue || gave_up_; });
   }
-  queue_.emplace_back(frame);
+  // A frame lies in one of the camera's few places. When the disk lags, it is copied (0.2 ms), or a slow disk would
+  // take the places away from the docking.
+  constexpr std::size_t most_places = 3;
+  CameraFrame kept = frame;
+  if (queued_frames_ >= most_places) kept.frame.gray = frame.frame.gray.clone();
+  queue_.emplace_back(std::move(kept));
   ++queued_frames_;
   arrived_.notify_one();
 }
@@ -255,19 +329,23 @@ void SessionRecorder::run() {
 void SessionRecorder::write(const CameraFrame& frame) {
   const cv::Mat1b& gray = frame.frame.gray;
   char name[32];
-  std::snprintf(name, sizeof name, "I%06" PRIu64 ".pgm", next_file_);
+  std::snprintf(name, sizeof name, "I%06" PRIu64 ".%s", next_file_, options_.compress ? "png" : "pgm");
+  char comment[200];
+  std::snprintf(comment, sizeof comment, "tagdock 1 seq=%" PRIu64 " t_ns=%" PRId64 " id=%" PRIu64 " exp_us=%g gain=%g",
+                next_file_, static_cast<std::int64_t>(frame.frame.time.count()), frame.frame.number, frame.exposure_us,
+                frame.gain);
   std::FILE* file = std::fopen((folder_ / "cam0" / "data" / name).c_str(), "wb");
   bool good = file != nullptr;
-  if (good) {
-    good = std::fprintf(
-               file, "P5\n# tagdock 1 seq=%" PRIu64 " t_ns=%" PRId64 " id=%" PRIu64 " exp_us=%g gain=%g\n%d %d\n255\n",
-               next_file_, static_cast<std::int64_t>(frame.frame.time.count()), frame.frame.number, frame.exposure_us,
-               frame.gain, gray.cols, gray.rows) > 0;
+  if (good && options_.compress) {
+    const std::vector<std::uint8_t> bytes = png_of(gray, comment);
+    good = std::fwrite(bytes.data(), 1, bytes.size(), file) == bytes.size();
+  } else if (good) {
+    good = std::fprintf(file, "P5\n# %s\n%d %d\n255\n", comment, gray.cols, gray.rows) > 0;
     for (int row = 0; good && row < gray.rows; ++row)
       good = std::fwrite(gray.ptr(row), 1, static_cast<std::size_t>(gray.cols), file) ==
              static_cast<std::size_t>(gray.cols);
-    good = std::fclose(file) == 0 && good;
   }
+  if (file != nullptr) good = std::fclose(file) == 0 && good;
   if (!good) return give_up(std::string("cannot write ") + name + "; recording ended, the docking goes on");
   std::ostringstream text;
   text << frame.frame.time.count() << "," << name << "," << frame.frame.number << "," << frame.camera_time.count()
@@ -276,17 +354,30 @@ void SessionRecorder::write(const CameraFrame& frame) {
   frames_csv_ << text.str() << std::flush;  // one write of one whole line
   if (!frames_csv_) return give_up("cannot write cam0/data.csv; recording ended, the docking goes on");
   ++next_file_;
-  bytes_since_check_ += gray.total();
-  const std::lock_guard lock(mutex_);
-  ++health_.frames_written;
-  if (bytes_since_check_ < check_disk_every) return;
-  bytes_since_check_ = 0;
+  {
+    const std::lock_guard lock(mutex_);
+    ++health_.frames_written;
+  }
+  look_at_disk();
+}
+
+std::uintmax_t SessionRecorder::free_space() const {
+  if (options_.free_space) return options_.free_space();
   std::error_code error;
   const auto space = std::filesystem::space(folder_, error);
-  if (error || space.available >= free_at_end) return;
-  gave_up_ = true;
-  health_.warning = "less than 500 MB are left on the disk; recording ended, the docking goes on";
-  taken_.notify_all();
+  return error ? free_at_start : space.available;
+}
+
+void SessionRecorder::look_at_disk() {
+  const auto now = std::chrono::steady_clock::now();
+  if (now < next_look_) return;
+  next_look_ = now + look_at_disk_every;
+  if (const int handle = ::open(folder_.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC); handle >= 0) {
+    ::syncfs(handle);
+    ::close(handle);
+  }
+  if (free_space() < free_at_end)
+    give_up("less than 500 MB are left on the disk; recording ended, the docking goes on");
 }
 
 void SessionRecorder::write(const Line& line) {
@@ -313,20 +404,27 @@ Session read_session(const std::filesystem::path& folder) {
   text << yaml.rdbuf();
   session.session_yaml = text.str();
 
+  std::set<std::string> known;
   for (const std::string& row : lines_of(folder / "cam0" / "data.csv", session.remarks)) {
     RecordedFrame frame;
     if (!parse(row, frame) || frame.file.has_parent_path()) {
       session.remarks.push_back("cam0/data.csv: not a line of ours: " + row);
       continue;
     }
+    known.insert(frame.file.string());
     frame.file = folder / "cam0" / "data" / frame.file;
     std::error_code error;
     if (!std::filesystem::is_regular_file(frame.file, error)) {
       session.remarks.push_back(frame.file.filename().string() + " is missing; its line is left out");
       continue;
     }
+    if (!is_whole(frame.file)) {
+      session.remarks.push_back(frame.file.filename().string() + " is cut short; its line is left out");
+      continue;
+    }
     session.frames.push_back(frame);
   }
+  adopt_frames(session, known);
   const auto read = [&](SessionStream stream) {
     return lines_of(folder / stream_files[static_cast<std::size_t>(stream)], session.remarks);
   };
@@ -352,8 +450,9 @@ Session read_session(const std::filesystem::path& folder) {
 
 Frame read_frame(const RecordedFrame& recorded) {
   Frame frame;
-  frame.gray = cv::imread(recorded.file.string(), cv::IMREAD_GRAYSCALE);
-  if (frame.gray.empty()) throw Failure(ExitCode::usage, recorded.file.string() + ": cannot be read as an image");
+  auto image = read_grey(recorded.file);
+  if (const std::string* sentence = std::get_if<std::string>(&image)) throw Failure(ExitCode::usage, *sentence);
+  frame.gray = std::get<cv::Mat1b>(image);
   if (checksum(frame.gray) != recorded.crc32)
     throw Failure(ExitCode::usage, recorded.file.string() + ": its pixels differ from the checksum in data.csv");
   frame.time = recorded.time;

@@ -7,6 +7,7 @@
 #include <deque>
 #include <filesystem>
 #include <fstream>
+#include <functional>
 #include <mutex>
 #include <optional>
 #include <string>
@@ -49,16 +50,23 @@ struct RecorderHealth {
   std::string warning;               ///< a sentence when recording ended early; the docking goes on
 };
 
+struct RecorderOptions {
+  bool compress = false;  ///< frames as PNG instead of PGM
+  /// Free bytes of the disk; empty: as the file system says. For tests.
+  std::function<std::uintmax_t()> free_space;
+};
+
 /// Writes a session folder (CONTRACTS.md) from a thread of its own, so that the control loop never waits for the disk.
 /// Each frame is a file that describes itself; its CSV line follows when the file is complete, so a crash costs at most
-/// the frame that was being written. Recording ends, with a warning, when less than 500 MB are left.
+/// the frame that was being written; the disk is brought up to date every second, so a power cut costs about that.
+/// Recording ends, with a warning, when less than 500 MB are left.
 class SessionRecorder {
  public:
   /// Creates the folder and writes session.yaml first.
   /// @param wait  let the caller wait for the disk instead of dropping frames (simulations without a clock)
   /// Throws Failure(usage) when the folder exists and is not empty, cannot be written, or less than 2 GB are free.
   SessionRecorder(const std::filesystem::path& folder, const std::string& session_yaml, const std::string& sensor_yaml,
-                  bool wait);
+                  bool wait, RecorderOptions options = {});
   /// Writes what is queued and ends.
   ~SessionRecorder();
   SessionRecorder(const SessionRecorder&) = delete;
@@ -83,13 +91,16 @@ class SessionRecorder {
   void write(const CameraFrame& frame);
   void write(const Line& line);
   void give_up(const std::string& sentence);
+  void look_at_disk();
+  [[nodiscard]] std::uintmax_t free_space() const;
 
   std::filesystem::path folder_;
   bool wait_;
+  RecorderOptions options_;
   std::ofstream frames_csv_;
   std::array<std::ofstream, 5> streams_;
   std::uint64_t next_file_ = 0;
-  std::size_t bytes_since_check_ = 0;
+  std::chrono::steady_clock::time_point next_look_{};
 
   mutable std::mutex mutex_;
   std::condition_variable arrived_;
@@ -115,7 +126,9 @@ struct RecordedFrame {
   std::uint32_t crc32 = 0;
 };
 
-/// A recorded session, read back. What is damaged is left out and said in `remarks`; nothing is repaired in place.
+/// A recorded session, read back. What is damaged is left out and said in `remarks`; nothing is repaired in place. A
+/// whole frame without a line in data.csv (the program was killed between the two) is taken from what it says of
+/// itself.
 struct Session {
   std::filesystem::path folder;
   std::string session_yaml;

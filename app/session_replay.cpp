@@ -20,7 +20,7 @@ void compare(const std::string& stream, const std::vector<std::string>& recorded
                                    "\n  replayed " + made[i]);
     named = true;
   }
-  if (recorded.size() == made.size()) return;
+  if (recorded.size() == made.size() || (result.ended_early && made.size() < recorded.size())) return;
   result.difference_count += std::max(recorded.size(), made.size()) - common;
   result.differences.push_back(stream + ": " + std::to_string(recorded.size()) + " lines recorded, " +
                                std::to_string(made.size()) + " replayed");
@@ -36,6 +36,22 @@ SessionHead read_session_head(const std::filesystem::path& folder) {
   head.program = map.text("program");
   head.seed = static_cast<std::uint64_t>(map.integer("seed", 0, std::int64_t{1} << 53));
   head.camera_name = map.text("camera_name");
+  if (std::optional<YamlMap> camera = map.optional_map("camera")) {
+    CameraSettings& actual = head.camera;
+    camera->read("identity", actual.identity);
+    camera->read("address", actual.address);
+    constexpr int most = 1 << 16;
+    camera->read("sensor_width", actual.sensor_width, 0, most);
+    camera->read("sensor_height", actual.sensor_height, 0, most);
+    camera->read("binning", actual.binning, 1, 16);
+    camera->read("offset_x", actual.offset_x, 0, most);
+    camera->read("offset_y", actual.offset_y, 0, most);
+    camera->read("width", actual.width, 0, most);
+    camera->read("height", actual.height, 0, most);
+    camera->read("frame_rate", actual.frame_rate, 0.0, 1e6);
+    camera->read("exposure_us", actual.exposure_us, 0.0, 1e9);
+    camera->read("gain", actual.gain, -1e3, 1e3);
+  }
   head.config = read_config(map.map("config"));
   map.finish();
   return head;
@@ -61,6 +77,11 @@ ReplayResult replay(const Session& session, const Config& config, const ReplayWa
         result.differences.push_back("frame " + std::to_string(*tick.frame) + " was used but is not in the recording");
       } else {
         frame = read_frame(*found->second);
+        if (frame->gray.cols != config.rig.camera.width || frame->gray.rows != config.rig.camera.height)
+          throw Failure(ExitCode::usage,
+                        found->second->file.string() + ": has " + std::to_string(frame->gray.cols) + "x" +
+                            std::to_string(frame->gray.rows) + " pixels, and the camera it is replayed with " +
+                            std::to_string(config.rig.camera.width) + "x" + std::to_string(config.rig.camera.height));
         ++result.frames;
       }
     }
@@ -71,7 +92,10 @@ ReplayResult replay(const Session& session, const Config& config, const ReplayWa
     if (outputs.sighting_line) result.sighting_lines.push_back(*outputs.sighting_line);
     result.command_lines.push_back(outputs.command_line);
     if (outputs.phase_line) result.phase_lines.push_back(*outputs.phase_line);
-    if (watcher && !watcher(inputs, outputs)) break;
+    if (watcher && !watcher(inputs, outputs)) {
+      result.ended_early = true;
+      break;
+    }
   }
   const Phase& last = loop.docker().phase();
   result.last_phase = std::string(name(last));

@@ -17,6 +17,7 @@ struct SessionHead {
   std::string program;
   std::uint64_t seed = 0;
   std::string camera_name;
+  CameraSettings camera;  ///< as it was read back; empty in recordings of earlier versions
   Config config;
 };
 
@@ -36,6 +37,7 @@ struct ReplayResult {
   std::vector<std::string> phase_lines;
   /// Where what was made now differs from what was recorded, one sentence each; empty means bit-equal.
   std::vector<std::string> differences;
+  bool ended_early = false;            ///< the watcher ended it: only what was made is compared
   std::uint64_t difference_count = 0;  ///< all of them; `differences` names the first of each stream
 };
 

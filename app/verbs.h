@@ -17,5 +17,8 @@ void add_replay(CLI::App& program, Action& action);
 void add_evaluate(CLI::App& program, Action& action);
 void add_doctor(CLI::App& program, Action& action);
 void add_calibrate(CLI::App& program, Action& action);
+void add_record(CLI::App& program, Action& action);
+void add_export(CLI::App& program, Action& action);
+void add_camera_sim(CLI::App& program, Action& action);
 
 }  // namespace tagdock

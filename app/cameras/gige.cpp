@@ -2,389 +2,159 @@
 
 #include <algorithm>
 #include <atomic>
-#include <cmath>
+#include <cerrno>
+#include <csignal>
+#include <cstdlib>
 #include <cstring>
+#include <fcntl.h>
+#include <map>
+#include <memory>
 #include <mutex>
-#include <sstream>
+#include <poll.h>
+#include <spawn.h>
+#include <sys/socket.h>
+#include <sys/wait.h>
 #include <thread>
+#include <unistd.h>
 #include <utility>
-#include <vector>
 
-#include <arv.h>
-
-#include "app/cameras/clock_map.h"
-#include "app/cameras/frame_counter.h"
+#include "app/cameras/gige_messages.h"
+#include "app/cameras/gige_process.h"
 #include "app/cameras/gvcp_probe.h"
 #include "app/cameras/mailbox.h"
-#include "app/cameras/receive_buffer.h"
+#include "app/cameras/shared_frames.h"
 #include "app/failure.h"
 
 namespace tagdock {
-
 namespace {
 
 using std::chrono::milliseconds;
 using std::chrono::nanoseconds;
 using std::chrono::steady_clock;
 
-constexpr milliseconds pop_timeout{20};          // how soon the grab thread sees that it shall end
-constexpr milliseconds probe_timeout{50};        // an answer takes 0.2 ms; the rest is for a machine under load
-constexpr milliseconds probe_period{50};         // while waiting for a camera
-constexpr milliseconds patience_at_start{1500};  // a simulated camera may be starting in another process
-constexpr milliseconds shortest_loss{250};       // 2.5 cm at 0.1 m/s
-constexpr int periods_to_loss = 5;
-constexpr int probes_to_loss = 2;
-constexpr milliseconds silent_restart{1000};  // a camera that answers but sends nothing is started again after this
-constexpr milliseconds lease{3200};           // of a controller that died: heartbeat of 3 s, and a little
-constexpr int pool_size = 12;  // 3 in the stream, 1 in the mailbox, 1 in the loop, the rest for a recorder that lags
+// The client reports every 50 ms; a machine under load may hold it up, and 500 ms is when a camera must be called lost.
+constexpr milliseconds silence_is_loss{400};
+constexpr milliseconds silence_is_death{2000};
+constexpr milliseconds patience_when_opening{15000};  // Aravis tries for 2.5 s at each of several steps
+constexpr int deaths_while_opening = 3;               // then it is not bad luck with a datagram
+constexpr milliseconds longest_pause{1000};           // between two deaths and starts of the client
+constexpr milliseconds good_run{5000};                // after which a death counts as the first
+constexpr milliseconds patience_at_end{500};
 
-struct Unref {
-  void operator()(gpointer object) const { g_object_unref(object); }
-};
-template <typename Object>
-using Handle = std::unique_ptr<Object, Unref>;
-
-/// Where a call of Aravis puts what went wrong.
-class ArvError {
+/// The process of the client and our end of the socket pair. Movable; whoever holds it last ends the process.
+class ClientProcess {
  public:
-  ArvError() = default;
-  ~ArvError() { g_clear_error(&error_); }
-  ArvError(const ArvError&) = delete;
-  ArvError& operator=(const ArvError&) = delete;
-  GError** out() {
-    g_clear_error(&error_);
-    return &error_;
-  }
-  explicit operator bool() const { return error_ != nullptr; }
-  [[nodiscard]] std::string text() const { return error_ != nullptr ? error_->message : ""; }
-
- private:
-  GError* error_ = nullptr;
-};
-
-/// A frame as it came off the wire.
-struct Grabbed {
-  cv::Mat1b gray;
-  std::uint64_t id = 0;
-  nanoseconds camera_time{0};
-};
-
-enum class Pop { nothing, incomplete, good };
-
-std::string describe(const CameraIdentity& identity) {
-  return identity.vendor + " " + identity.model + " " + identity.serial;
-}
-
-/// One opened camera with its running stream; rebuilt from nothing after every loss, since Aravis never recovers.
-class Connection {
- public:
-  Connection(const GigeSettings& settings, const CameraIdentity& identity) : where_(identity.address) {
-    arv_disable_interface("USB3Vision");  // or opening would look through the USB devices
-    ArvError error;
-    // A numeric loopback address: unicast to it only. Anything else would make Aravis ask a name service and broadcast.
-    camera_.reset(arv_camera_new(where_.c_str(), error.out()));
-    if (!camera_) fail("the camera at " + where_ + " answers, but cannot be opened", error);
-    claim();
-    // Before anything else: a camera whose last controller died may still stream to it, and never notice us.
-    arv_camera_stop_acquisition(camera_.get(), error.out());
-    configure(settings);
-    actual_.identity = describe(identity);
-    start(settings);
-  }
-
-  Connection(const Connection&) = delete;
-  Connection& operator=(const Connection&) = delete;
-
-  /// Takes 7 s when the camera is dead and has not been abandoned, 5 s when it has.
-  ~Connection() {
-    if (!abandoned_) arv_camera_stop_acquisition(camera_.get(), nullptr);
-    stream_.reset();
-    for (ArvBuffer* buffer : lent_) g_object_unref(buffer);
-    g_signal_handlers_disconnect_by_data(arv_camera_get_device(camera_.get()), &control_lost_);
-    camera_.reset();
-  }
-
-  /// The camera is dead: do not talk to it more than Aravis insists on.
-  void abandon() { abandoned_ = true; }
-
-  [[nodiscard]] const CameraSettings& actual() const { return actual_; }
-  [[nodiscard]] bool control_lost() const { return control_lost_; }
-
-  /// Next buffer of the stream. Of one that is not complete nothing but its state is read: it may have no leader.
-  Pop pop(Grabbed& grabbed, milliseconds timeout) {
-    take_back();
-    ArvBuffer* buffer =
-        arv_stream_timeout_pop_buffer(stream_.get(), static_cast<guint64>(std::chrono::microseconds(timeout).count()));
-    if (buffer == nullptr) return Pop::nothing;
-    if (!good(buffer)) {
-      arv_stream_push_buffer(stream_.get(), buffer);
-      return Pop::incomplete;
-    }
-    grabbed.gray = memory(buffer).rowRange(0, actual_.height);
-    grabbed.id = arv_buffer_get_frame_id(buffer);
-    grabbed.camera_time = nanoseconds(arv_buffer_get_timestamp(buffer));
-    lent_.push_back(buffer);
-    return Pop::good;
-  }
-
-  /// Starts the stream of a camera that answers but sends nothing once more.
-  void restart() {
-    arv_camera_stop_acquisition(camera_.get(), nullptr);
-    arv_camera_start_acquisition(camera_.get(), nullptr);
-  }
-
- private:
-  [[noreturn]] static void fail(const std::string& sentence, const ArvError& error) {
-    throw Failure(ExitCode::camera, error ? sentence + ": " + error.text() : sentence);
-  }
-
-  ArvGvDevice* device() { return ARV_GV_DEVICE(arv_camera_get_device(camera_.get())); }
-
-  /// Opening succeeds even when another program has the control; then every write would be dropped without a word.
-  void claim() {
-    if (arv_gv_device_is_controller(device())) return;
-    ArvError error;
-    if (!arv_gv_device_take_control(device(), error.out()) || !arv_gv_device_is_controller(device()))
-      fail("the camera at " + where_ + " is controlled by another program: end that program and try again", error);
-  }
-
-  void configure(const GigeSettings& settings) {
-    ArvError error;
-    // By default Aravis writes any value and the camera silently makes something of it.
-    arv_camera_set_range_check_policy(camera_.get(), ARV_RANGE_CHECK_POLICY_ENABLE);
-    if (arv_camera_is_feature_available(camera_.get(), "AcquisitionMode", nullptr))
-      arv_camera_set_acquisition_mode(camera_.get(), ARV_ACQUISITION_MODE_CONTINUOUS, error.out());
-    if (error) fail("the camera cannot stream continuously", error);
-    arv_camera_set_pixel_format(camera_.get(), ARV_PIXEL_FORMAT_MONO_8, error.out());
-    if (error) fail("the camera does not send 8-bit grey pictures (Mono8)", error);
-    set_region(settings);
-    if (settings.frame_rate)
-      actual_.frame_rate = set("frame rate", "1/s", *settings.frame_rate, arv_camera_get_frame_rate_bounds,
-                               arv_camera_set_frame_rate, arv_camera_get_frame_rate);
-    else
-      actual_.frame_rate = arv_camera_get_frame_rate(camera_.get(), nullptr);
-    if (settings.exposure_us) {
-      if (arv_camera_is_exposure_auto_available(camera_.get(), nullptr))
-        arv_camera_set_exposure_time_auto(camera_.get(), ARV_AUTO_OFF, nullptr);
-      actual_.exposure_us = set("exposure", "us", *settings.exposure_us, arv_camera_get_exposure_time_bounds,
-                                arv_camera_set_exposure_time, arv_camera_get_exposure_time);
-    } else {
-      actual_.exposure_us = arv_camera_get_exposure_time(camera_.get(), nullptr);
-    }
-    if (settings.gain)
-      actual_.gain =
-          set("gain", "dB", *settings.gain, arv_camera_get_gain_bounds, arv_camera_set_gain, arv_camera_get_gain);
-    else
-      actual_.gain = arv_camera_get_gain(camera_.get(), nullptr);
-    arv_camera_gv_set_packet_size(camera_.get(), settings.packet_size, error.out());
-    if (error) fail("the camera refuses packets of " + std::to_string(settings.packet_size) + " bytes", error);
-  }
-
-  /// Sets one number within the bounds that the camera tells, and reads back what it made of it.
-  template <typename Bounds, typename Set, typename Get>
-  double set(const std::string& name, const std::string& unit, double asked, Bounds bounds, Set write, Get read) {
-    ArvError error;
-    double low = 0.0, high = 0.0;
-    bounds(camera_.get(), &low, &high, error.out());
-    if (error) fail("the camera does not tell its bounds of " + name, error);
-    std::ostringstream sentence;
-    if (!(asked >= low && asked <= high)) {
-      sentence << "camera " << name << " of " << asked << " " << unit << " was asked for; this camera allows " << low
-               << " to " << high;
-      throw Failure(ExitCode::usage, sentence.str());
-    }
-    write(camera_.get(), asked, error.out());
-    if (error) fail("the camera refuses the " + name, error);
-    const double made = read(camera_.get(), error.out());
-    if (error) fail("the camera does not tell its " + name, error);
-    // Cameras round to their own steps; half a percent is below what exposure or rate matter for.
-    if (std::abs(made - asked) > 0.005 * std::abs(asked)) {
-      sentence << "camera " << name << ": asked for " << asked << " " << unit << ", the camera made it " << made;
-      actual_.notes.push_back(sentence.str());
-    }
-    return made;
-  }
-
-  /// Pixels that the camera can average in each direction; 1 if it cannot.
-  int most_binning() {
-    if (!arv_camera_is_binning_available(camera_.get(), nullptr)) return 1;
-    gint least = 1, most_x = 1, most_y = 1;
-    arv_camera_get_x_binning_bounds(camera_.get(), &least, &most_x, nullptr);
-    arv_camera_get_y_binning_bounds(camera_.get(), &least, &most_y, nullptr);
-    return std::max(1, std::min(most_x, most_y));
-  }
-
-  /// Also back to 1: the camera keeps what its last controller set.
-  void set_binning(int binning) {
-    actual_.binning = binning;
-    if (!arv_camera_is_binning_available(camera_.get(), nullptr)) return;
-    ArvError error;
-    // Cameras that can sum instead would saturate.
-    for (const char* mode : {"BinningHorizontalMode", "BinningVerticalMode"})
-      if (arv_camera_is_feature_available(camera_.get(), mode, nullptr))
-        arv_camera_set_string(camera_.get(), mode, "Average", nullptr);
-    arv_camera_set_binning(camera_.get(), binning, binning, error.out());
-    gint made_x = 0, made_y = 0;
-    if (!error) arv_camera_get_binning(camera_.get(), &made_x, &made_y, error.out());
-    if (error || made_x != binning || made_y != binning)
-      fail("the camera refuses to bin " + std::to_string(binning) + "x" + std::to_string(binning) + " pixels", error);
-  }
-
-  void set_region(const GigeSettings& settings) {
-    ArvError error;
-    arv_camera_get_sensor_size(camera_.get(), &actual_.sensor_width, &actual_.sensor_height, error.out());
-    if (error) fail("the camera does not tell the size of its sensor", error);
-    int x = settings.offset_x;
-    int y = settings.offset_y;
-    int width = settings.width > 0 ? settings.width : actual_.sensor_width - x;
-    int height = settings.height > 0 ? settings.height : actual_.sensor_height - y;
-    // Aravis checks each number, but not the sum.
-    if (x < 0 || y < 0 || width <= 0 || height <= 0 || width > actual_.sensor_width - x ||
-        height > actual_.sensor_height - y) {
-      std::ostringstream sentence;
-      sentence << "camera region " << width << "x" << height << " at (" << x << ", " << y
-               << ") does not lie on the sensor of " << actual_.sensor_width << "x" << actual_.sensor_height
-               << " pixels";
-      throw Failure(ExitCode::usage, sentence.str());
-    }
-    const RegionSize wanted{width, height};
-    const std::size_t granted = granted_receive_buffer(settings.receive_buffer);
-    const SmallerImage fits = image_that_fits(wanted, granted, most_binning());
-    // Offsets first to zero, or the old ones would bound the new size.
-    for (const char* offset : {"OffsetX", "OffsetY"}) {
-      arv_camera_set_integer(camera_.get(), offset, 0, error.out());
-      if (error) fail(std::string("the camera refuses ") + offset + " 0", error);
-    }
-    set_binning(fits.binning);
-    if (fits != SmallerImage{1, wanted}) {
-      constexpr int step = 8;  // offsets of most cameras go in steps of 2, 4 or 8 pixels
-      x = (x + (width - fits.size.width * fits.binning) / 2) / fits.binning / step * step;
-      y = (y + (height - fits.size.height * fits.binning) / 2) / fits.binning / step * step;
-      std::ostringstream sentence;
-      sentence << "the kernel grants " << granted << " bytes of receive buffer, frames of " << width << "x" << height
-               << " need " << needed_receive_buffer(wanted) << ": going on with " << fits.size.width << "x"
-               << fits.size.height << " pixels";
-      if (fits.binning > 1)
-        sentence << " of " << fits.binning << "x" << fits.binning << " each (coarser, with the same view)";
-      else
-        sentence << " at (" << x << ", " << y << "), a part of the view (this camera cannot bin pixels)";
-      sentence << "; for whole frames run: sudo sysctl -w net.core.rmem_max=" << GigeSettings{}.receive_buffer;
-      actual_.notes.push_back(sentence.str());
-      width = fits.size.width;
-      height = fits.size.height;
-    }
-    const std::pair<const char*, int> writes[] = {{"Width", width}, {"Height", height}, {"OffsetX", x}, {"OffsetY", y}};
-    for (const auto& [feature, value] : writes) {
-      arv_camera_set_integer(camera_.get(), feature, value, error.out());
-      if (error) fail(std::string("the camera refuses ") + feature + " " + std::to_string(value), error);
-    }
-    arv_camera_get_region(camera_.get(), &actual_.offset_x, &actual_.offset_y, &actual_.width, &actual_.height,
-                          error.out());
-    if (error) fail("the camera does not tell its region", error);
-    if (actual_.width != width || actual_.height != height || actual_.offset_x != x || actual_.offset_y != y) {
-      std::ostringstream sentence;
-      sentence << "camera region: asked for " << width << "x" << height << " at (" << x << ", " << y
-               << "), the camera made it " << actual_.width << "x" << actual_.height << " at (" << actual_.offset_x
-               << ", " << actual_.offset_y << ")";
-      actual_.notes.push_back(sentence.str());
-    }
-  }
-
-  void start(const GigeSettings& settings) {
-    ArvError error;
-    // The other way to receive, a packet ring, needs the right to open raw sockets; one way for everybody.
-    arv_camera_gv_set_stream_options(camera_.get(), ARV_GV_STREAM_OPTION_PACKET_SOCKET_DISABLED);
-    stream_.reset(arv_camera_create_stream(camera_.get(), nullptr, nullptr, error.out()));
-    if (!stream_) fail("the camera at " + where_ + " gives no stream", error);
-    g_object_set(stream_.get(), "socket-buffer", ARV_GV_STREAM_SOCKET_BUFFER_FIXED, "socket-buffer-size",
-                 static_cast<gint>(settings.receive_buffer), nullptr);
-    const guint payload = arv_camera_get_payload(camera_.get(), error.out());
-    if (error) fail("the camera does not tell the size of its frames", error);
-    const auto bytes = static_cast<int>(payload);
-    const int rows = std::max(actual_.height, (bytes + actual_.width - 1) / actual_.width);
-    for (int i = 0; i < pool_size; ++i) {
-      // Aravis writes straight into the picture; the buffer keeps one reference to it.
-      auto* picture = new cv::Mat1b(rows, actual_.width);
-      arv_stream_push_buffer(stream_.get(), arv_buffer_new_full(payload, picture->data, picture, [](void* kept) {
-                               delete static_cast<cv::Mat1b*>(kept);
-                             }));
-    }
-    // Comes 5 s after a death: only a last resort beside the watchdog. Sent from Aravis' heartbeat thread.
-    g_signal_connect(device(), "control-lost", G_CALLBACK(+[](ArvGvDevice*, std::atomic<bool>* lost) { *lost = true; }),
-                     &control_lost_);
-    arv_camera_start_acquisition(camera_.get(), error.out());
-    if (error) fail("the camera at " + where_ + " does not start its stream", error);
-  }
-
-  bool good(ArvBuffer* buffer) const {
-    if (arv_buffer_get_status(buffer) != ARV_BUFFER_STATUS_SUCCESS) return false;
-    if (arv_buffer_get_payload_type(buffer) != ARV_BUFFER_PAYLOAD_TYPE_IMAGE) return false;
-    size_t size = 0;
-    // Malformed leaders were seen to give complete buffers of size 0, or of another width and height.
-    const void* data = arv_buffer_get_image_data(buffer, &size);
-    return data != nullptr && arv_buffer_get_image_width(buffer) == actual_.width &&
-           arv_buffer_get_image_height(buffer) == actual_.height &&
-           arv_buffer_get_image_pixel_format(buffer) == ARV_PIXEL_FORMAT_MONO_8 &&
-           size >= static_cast<std::size_t>(actual_.width) * static_cast<std::size_t>(actual_.height);
-  }
-
-  static const cv::Mat1b& memory(ArvBuffer* buffer) {
-    return *static_cast<const cv::Mat1b*>(arv_buffer_get_user_data(buffer));
-  }
-
-  /// Gives buffers whose picture nobody else holds any more back to the stream. A picture may outlive the connection.
-  void take_back() {
-    std::erase_if(lent_, [&](ArvBuffer* buffer) {
-      const bool free = CV_XADD(&memory(buffer).u->refcount, 0) == 1;
-      if (free) arv_stream_push_buffer(stream_.get(), buffer);
-      return free;
+  explicit ClientProcess(const std::vector<std::string>& program) {
+    int ends[2];
+    if (::socketpair(AF_UNIX, SOCK_SEQPACKET | SOCK_CLOEXEC, 0, ends) != 0)
+      throw Failure(ExitCode::internal, std::string("no socket pair: ") + std::strerror(errno));
+    socket_ = std::shared_ptr<const int>(new int(ends[0]), [](const int* handle) {
+      ::close(*handle);
+      delete handle;
     });
+    std::vector<std::string> words = program;
+    if (words.empty()) words = {"/proc/self/exe", gige_client_word};
+    std::vector<char*> arguments;
+    for (std::string& word : words) arguments.push_back(word.data());
+    arguments.push_back(nullptr);
+    posix_spawn_file_actions_t actions;
+    ::posix_spawn_file_actions_init(&actions);
+    ::posix_spawn_file_actions_addopen(&actions, STDIN_FILENO, "/dev/null", O_RDONLY, 0);
+    // GLib writes to both when a datagram is malformed; what is wrong is said by our own sentences.
+    if (std::getenv("TAGDOCK_CAMERA_CLIENT_TALKS") == nullptr) {
+      ::posix_spawn_file_actions_addopen(&actions, STDOUT_FILENO, "/dev/null", O_WRONLY, 0);
+      ::posix_spawn_file_actions_addopen(&actions, STDERR_FILENO, "/dev/null", O_WRONLY, 0);
+    }
+    ::posix_spawn_file_actions_adddup2(&actions, ends[1], gige_client_socket);
+    posix_spawnattr_t attributes;
+    ::posix_spawnattr_init(&attributes);
+    sigset_t none;
+    ::sigemptyset(&none);
+    ::posix_spawnattr_setsigmask(&attributes, &none);
+    ::posix_spawnattr_setpgroup(&attributes, 0);  // Ctrl-C is for us: we end it when the robot stands
+    ::posix_spawnattr_setflags(&attributes, POSIX_SPAWN_SETSIGMASK | POSIX_SPAWN_SETPGROUP);
+    const int failed = ::posix_spawn(&id_, arguments[0], &actions, &attributes, arguments.data(), environ);
+    ::posix_spawnattr_destroy(&attributes);
+    ::posix_spawn_file_actions_destroy(&actions);
+    ::close(ends[1]);
+    if (failed != 0)
+      throw Failure(ExitCode::internal,
+                    "the camera client " + words.front() + " cannot be started: " + std::strerror(failed));
+  }
+  ~ClientProcess() { kill(); }
+  ClientProcess(const ClientProcess&) = delete;
+  ClientProcess& operator=(const ClientProcess&) = delete;
+
+  /// Shared with the frames that are out: they say over it when they are given back.
+  [[nodiscard]] const std::shared_ptr<const int>& socket() const { return socket_; }
+
+  void send(const ClientRequest& request) const { send_message(*socket_, packed(request)); }
+
+  /// How it ended, if it has; it ends at once when asked for by `kill`.
+  std::string kill() {
+    if (id_ <= 0) return {};
+    ::kill(id_, SIGKILL);
+    return wait(0);
   }
 
-  std::string where_;
-  std::atomic<bool> control_lost_{false};
-  bool abandoned_ = false;
-  CameraSettings actual_;
-  std::vector<ArvBuffer*> lent_;  ///< buffers whose pictures are out
-  Handle<ArvCamera> camera_;
-  Handle<ArvStream> stream_;
+  /// Lets it give the camera back.
+  void end() {
+    if (id_ <= 0) return;
+    send(EndRequest{});
+    const auto deadline = steady_clock::now() + patience_at_end;
+    while (steady_clock::now() < deadline) {
+      if (!wait(WNOHANG).empty()) return;
+      std::this_thread::sleep_for(milliseconds(2));
+    }
+    kill();
+  }
+
+  /// A word or two about how it ended; empty if it has not.
+  std::string wait(int options) {
+    int status = 0;
+    if (id_ <= 0 || ::waitpid(id_, &status, options) != id_) return {};
+    id_ = 0;
+    if (WIFSIGNALED(status)) return "signal " + std::to_string(WTERMSIG(status));
+    return "exit code " + std::to_string(WEXITSTATUS(status));
+  }
+
+ private:
+  pid_t id_ = 0;
+  std::shared_ptr<const int> socket_;
 };
 
-/// Lets a dead camera go on a thread of its own, since Aravis waits up to 5 s for its answers.
-/// Never more than two at once: then the grab thread waits instead, and a camera that flickers cannot pile up threads.
-void reap(std::unique_ptr<Connection> connection) {
-  static std::atomic<int> at_work{0};
-  constexpr int at_most = 2;
-  connection->abandon();
-  while (at_work >= at_most) std::this_thread::sleep_for(milliseconds(50));
-  ++at_work;
-  std::thread([dead = std::move(connection)]() mutable {
-    dead.reset();
-    --at_work;
-  }).detach();
-}
-
-class GigeCamera : public Camera {
+class IsolatedGige final : public Camera {
  public:
-  GigeCamera(const GigeSettings& settings, steady_clock::time_point session_start)
+  IsolatedGige(const GigeSettings& settings, steady_clock::time_point session_start)
       : settings_(settings), session_start_(session_start) {
-    if (settings_.address.empty() && settings_.serial.empty())
-      throw Failure(ExitCode::usage, "a GigE camera is named by its address (gige:127.0.0.1) or its serial number");
-    if (!settings_.address.empty()) address_.emplace(settings_.address);
-    std::unique_ptr<Connection> connection = open(find_patiently());
-    thread_ = std::thread([this, first = std::move(connection)]() mutable { run(std::move(first)); });
+    if (!settings_.address.empty()) (void)LoopbackAddress(settings_.address);  // refused before anything is started
+    start();
+    open_first();
+    thread_ = std::thread([this] { run(); });
   }
 
-  ~GigeCamera() override {
+  ~IsolatedGige() override {
     end_ = true;
     thread_.join();
+    if (client_) client_->end();
   }
 
   std::optional<CameraFrame> newest(nanoseconds) override { return mailbox_.take(); }
 
   CameraHealth health() const override {
     const std::lock_guard<std::mutex> lock(mutex_);
-    return health_;
+    CameraHealth health = told_;
+    health.received += before_.received;
+    health.incomplete += before_.incomplete;
+    health.lost += before_.lost;
+    // What the client's box replaced was never seen here, what ours replaced was never taken.
+    health.overwritten += before_.overwritten + overwritten_;
+    health.reconnects += before_.reconnects;
+    health.stale += before_.stale;
+    health.resent += before_.resent;
+    health.restarts = restarts_;
+    health.history = history_;
+    return health;
   }
 
   CameraSettings actual() const override {
@@ -392,208 +162,251 @@ class GigeCamera : public Camera {
     return actual_;
   }
 
+  void adjust(double exposure_us, double gain) override { request(AdjustRequest{exposure_us, gain}); }
+  void trigger() override { request(TriggerRequest{}); }
+
  private:
-  void say(const std::string& state, const std::string& reason = {}) {
+  /// Any thread.
+  void request(const ClientRequest& what) {
+    std::shared_ptr<const int> socket;
+    {
+      const std::lock_guard<std::mutex> lock(mutex_);
+      socket = socket_;
+    }
+    if (socket) send_message(*socket, packed(what));
+  }
+
+  void enter(const std::string& state, const std::string& reason) {
     const std::lock_guard<std::mutex> lock(mutex_);
-    health_.state = state;
-    health_.reason = reason;
+    told_.state = state;
+    told_.reason = reason;
+    remember();
   }
 
-  [[nodiscard]] std::string name() const {
-    return settings_.address.empty() ? "with serial number " + settings_.serial : "at " + settings_.address;
+  /// The lock is held.
+  void remember() {
+    if (!history_.empty() && history_.back().state == told_.state) return;
+    constexpr std::size_t remembered = 32;
+    history_.push_back({told_.state, steady_clock::now() - session_start_});
+    if (history_.size() > remembered) history_.erase(history_.begin());
   }
 
-  /// The camera that is meant, if it answers. @throws Failure if another one answers at its address
-  std::optional<CameraIdentity> find() const {
-    const std::string& serial = known_serial_.empty() ? settings_.serial : known_serial_;
-    if (!address_) {
-      for (CameraIdentity& one : probe_loopback(probe_timeout))
-        if (one.serial == serial) return std::move(one);
-      return std::nullopt;
-    }
-    std::optional<CameraIdentity> seen = probe_camera(*address_, probe_timeout);
-    if (seen && !serial.empty() && seen->serial != serial)
-      throw Failure(ExitCode::camera, "the camera at " + address_->text() + " has serial number " + seen->serial +
-                                          ", not " + serial + ": another camera took its place");
-    return seen;
-  }
-
-  CameraIdentity find_patiently() {
-    say("probing");
-    const auto deadline = steady_clock::now() + patience_at_start;
-    while (steady_clock::now() < deadline) {
-      if (auto seen = find()) return *seen;
-      std::this_thread::sleep_for(probe_period);
-    }
-    throw Failure(ExitCode::camera, "no camera " + name() + " answers: is it switched on, and is the address right?");
-  }
-
-  /// A controller that died keeps the camera for its lease, a living one renews it.
-  void wait_until_free(const LoopbackAddress& address) {
-    const auto deadline = steady_clock::now() + settings_.take_over_wait;
-    while (is_controlled(address, probe_timeout).value_or(false)) {
-      say("claiming", "another program controls the camera " + name() + "; waiting whether it is alive");
-      // Not asked again before the lease is over: asking renews it, whoever asks.
-      const auto again = std::min(steady_clock::now() + lease, deadline);
-      while (steady_clock::now() < again && !end_) std::this_thread::sleep_for(pop_timeout);
-      if (end_ || (steady_clock::now() >= deadline && is_controlled(address, probe_timeout).value_or(false)))
-        throw Failure(ExitCode::camera,
-                      "the camera " + name() + " is controlled by another program: end that program and try again");
-    }
-  }
-
-  std::unique_ptr<Connection> open(const CameraIdentity& identity) {
-    wait_until_free(LoopbackAddress(identity.address));
-    say("opening");
-    auto connection = std::make_unique<Connection>(settings_, identity);
-    known_serial_ = identity.serial;
-    opened_at_ = identity.address;
+  /// Another client, which is told to open the camera. A spare one has its start behind it.
+  void start() {
+    memory_.clear();
+    opened_ = false;
+    first_of_client_ = true;
+    last_end_.clear();
+    client_ = spare_ ? std::move(spare_) : std::make_unique<ClientProcess>(settings_.client_program);
+    last_word_ = steady_clock::now();
+    client_->send(OpenRequest{settings_, session_start_.time_since_epoch()});
     const std::lock_guard<std::mutex> lock(mutex_);
-    actual_ = connection->actual();
-    health_.state = "streaming";
-    health_.reason.clear();
-    return connection;
+    socket_ = client_->socket();
   }
 
-  void run(std::unique_ptr<Connection> connection) {
-    while (!end_) {
-      if (connection) {
-        stream(std::move(connection));
+  void open_first() {
+    const auto deadline = steady_clock::now() + patience_when_opening + settings_.take_over_wait;
+    int deaths = 0;
+    while (!opened_) {
+      if (listen()) {
+        if (refused_) throw Failure(refused_->code, refused_->sentence);
         continue;
       }
+      if (++deaths == deaths_while_opening)
+        throw Failure(ExitCode::camera, "the camera client ended " + std::to_string(deaths) +
+                                            " times while it opened the camera (" + last_end_ +
+                                            "): does something else send to this machine's ports?");
+      give_back();
+      start();
+      if (steady_clock::now() > deadline)
+        throw Failure(ExitCode::camera, "the camera client does not come to an end with opening the camera");
+    }
+  }
+
+  void run() {
+    milliseconds pause{0};
+    auto opened_at = steady_clock::now();
+    while (!end_) {
+      if (opened_ && !spare_) spare_ = std::make_unique<ClientProcess>(settings_.client_program);
+      if (listen() && !refused_) continue;
+      if (refused_) {
+        enter("lost", refused_->sentence);
+        refused_.reset();
+        client_->kill();
+        pause = std::max(pause, milliseconds(100));
+      }
+      lose_client();
+      pause = steady_clock::now() - opened_at > good_run ? milliseconds(0)
+                                                         : std::min(longest_pause, 2 * pause + milliseconds(10));
+      for (const auto until = steady_clock::now() + pause; !end_ && steady_clock::now() < until;)
+        std::this_thread::sleep_for(milliseconds(5));
+      if (end_) return;
+      give_back();
       try {
-        if (const auto seen = find()) {
-          connection = open(*seen);
-          const std::lock_guard<std::mutex> lock(mutex_);
-          ++health_.reconnects;
-        }
+        start();
       } catch (const Failure& failure) {
-        say("lost", failure.what());
+        enter("lost", failure.what());
+        std::this_thread::sleep_for(longest_pause);
       }
-      if (!connection) std::this_thread::sleep_for(probe_period);
+      opened_at = steady_clock::now();
     }
   }
 
-  /// Hands frames over until the camera is lost or the end is asked for; lets the connection go.
-  void stream(std::unique_ptr<Connection> connection) {
-    const nanoseconds period(static_cast<std::int64_t>(1e9 / std::max(connection->actual().frame_rate, 0.5)));
-    const nanoseconds loss = std::max<nanoseconds>(shortest_loss, periods_to_loss * period);
-    auto last_good = steady_clock::now() + milliseconds(500);  // the first frame may take a while to be made
-    auto quiet_since = last_good;                              // last good frame, or last start of the stream
-    int unanswered = 0;
-    bool started_again = false;
-    bool warm = false;  // Aravis sizes its receive buffer when the first packet comes: the first frame is often broken
-    while (!end_) {
-      Grabbed grabbed;
-      const Pop popped = connection->pop(grabbed, pop_timeout);
-      const auto now = steady_clock::now();
-      if (popped != Pop::nothing && !warm) {
-        warm = true;
-        last_good = quiet_since = std::max(last_good, now);
-        continue;
+  /// The counts of a client that is gone stay in ours.
+  void lose_client() {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    before_.received += told_.received;
+    before_.incomplete += told_.incomplete;
+    before_.lost += told_.lost;
+    before_.overwritten += told_.overwritten;
+    before_.reconnects += told_.reconnects;
+    before_.stale += told_.stale;
+    before_.resent += told_.resent;
+    ++restarts_;
+    was_open_ = was_open_ || opened_;
+    const std::string reason = told_.state == "lost" && last_end_.empty()
+                                   ? told_.reason
+                                   : "the process that talks to the camera ended (" + last_end_ +
+                                         "), as a malformed datagram makes it do; starting it again";
+    told_ = CameraHealth{};
+    told_.state = "lost";
+    told_.reason = reason;
+    remember();
+  }
+
+  /// In the place of a client that is gone.
+  void give_back() {
+    if (actual_.address.empty()) return;
+    give_control_back(LoopbackAddress(actual_.address), ports_, milliseconds(20));
+    ports_.clear();
+  }
+
+  /// Takes what the client says, and notices when it says nothing. @return false when it is gone
+  bool listen() {
+    pollfd wanted{*client_->socket(), POLLIN, 0};
+    constexpr int look_for_end_ms = 20;
+    ::poll(&wanted, 1, look_for_end_ms);
+    while (auto received = receive_message(*client_->socket())) {
+      if (received->closed) {
+        last_end_ = client_->kill();
+        return false;
       }
-      if (popped == Pop::incomplete) {
-        const std::lock_guard<std::mutex> lock(mutex_);
-        ++health_.incomplete;
-        ++incomplete_since_good_;
+      last_word_ = steady_clock::now();
+      const auto report = unpacked_report(received->message.data(), received->message.size());
+      bool good = report.has_value();
+      if (report) good = std::visit([&](const auto& one) { return take(one, received->handle); }, *report);
+      if (received->handle >= 0) ::close(received->handle);
+      if (!good) {
+        client_->kill();
+        last_end_ = "it spoke nonsense";
+        return false;
       }
-      if (popped == Pop::good) {
-        if (now - last_good > loss) say("streaming");
-        hand_over(grabbed, now, connection->actual());
-        last_good = quiet_since = now;
-        unanswered = 0;
-        started_again = false;
-        continue;
-      }
-      if (connection->control_lost()) {
-        lose(std::move(connection),
-             "the camera " + name() + " is under another program's control, or was restarted; opening it again");
-        return;
-      }
-      if (now - last_good <= loss) continue;
-      const auto seen = probe_camera(LoopbackAddress(opened_at_), probe_timeout);
-      if (!seen) {
-        if (++unanswered < probes_to_loss) continue;
-        lose(std::move(connection),
-             "the camera " + name() + " sends no frames and does not answer: check its power and cable");
-        return;
-      }
-      unanswered = 0;
-      if (seen->serial != known_serial_) {
-        lose(std::move(connection), "another camera, " + seen->serial + ", answers in place of " + known_serial_);
-        return;
-      }
-      say("silent", "the camera " + name() + " answers but sends no complete frame: check the network and its trigger");
-      if (now - quiet_since <= silent_restart + loss) continue;
-      if (started_again) {
-        say("lost", "the camera " + name() + " answers but sends no frames; opening it again");
-        break;  // it is alive: let it go properly, so that it is free
-      }
-      connection->restart();
-      started_again = true;
-      warm = false;
-      quiet_since = now;
     }
-    connection.reset();
-    lost();
+    const auto silence = steady_clock::now() - last_word_;
+    if (silence > silence_is_death + (opened_ ? milliseconds(0) : milliseconds(2000))) {
+      client_->kill();
+      last_end_ = "it hung";
+      return false;
+    }
+    if (opened_ && silence > silence_is_loss) enter("lost", "the process that talks to the camera does not answer");
+    return true;
   }
 
-  void lose(std::unique_ptr<Connection> connection, const std::string& reason) {
-    say("lost", reason);
-    reap(std::move(connection));
-    lost();
+  bool take(const MemoryMade& made, int& handle) {
+    if (handle < 0) return false;
+    try {
+      memory_.clear();
+      memory_.emplace(made.memory,
+                      std::make_shared<SharedFrames>(std::exchange(handle, -1), made.count, made.rows, made.columns));
+    } catch (const Failure&) {
+      return false;
+    }
+    return true;
   }
 
-  void lost() {
-    clock_ = ClockMap();
-    counter_.reopened();
-    last_number_ = 0;
-    last_camera_time_.reset();
+  bool take(const CameraOpened& opened, int) {
+    opened_ = true;
+    ports_ = opened.ports;
+    const std::lock_guard<std::mutex> lock(mutex_);
+    actual_ = opened.actual;
+    if (was_open_) ++before_.reconnects;
+    was_open_ = false;
+    // Only the same camera again, whoever answers at its address later.
+    const std::size_t space = actual_.identity.rfind(' ');
+    if (settings_.serial.empty() && space != std::string::npos) settings_.serial = actual_.identity.substr(space + 1);
+    return true;
   }
 
-  void hand_over(const Grabbed& grabbed, steady_clock::time_point now, const CameraSettings& actual) {
-    if (last_camera_time_ && grabbed.camera_time == *last_camera_time_ && grabbed.camera_time.count() != 0) return;
-    const auto number = counter_.number(grabbed.id);
-    if (!number) return;
-    last_camera_time_ = grabbed.camera_time;
+  bool take(const OpenFailed& failed, int) {
+    refused_ = failed;
+    return true;
+  }
+
+  bool take(const HealthReport& report, int) {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    told_ = report.health;
+    remember();
+    return true;
+  }
+
+  bool take(const FrameReady& ready, int) {
+    const auto found = memory_.find(ready.memory);
+    if (found == memory_.end()) return false;
+    const std::shared_ptr<SharedFrames>& memory = found->second;
+    if (ready.slot < 0 || ready.slot >= memory->count() || ready.rows <= 0 || ready.rows > memory->rows() ||
+        ready.columns != memory->columns())
+      return false;
     CameraFrame frame;
-    frame.arrived = now - session_start_;
-    frame.camera_time = grabbed.camera_time;
-    // A camera without a clock sends zeros.
-    const nanoseconds smooth =
-        grabbed.camera_time.count() == 0 ? frame.arrived : clock_.arrived(grabbed.camera_time, frame.arrived);
-    frame.frame = Frame{grabbed.gray, smooth - settings_.declared_latency, *number};
-    frame.exposure_us = actual.exposure_us;
-    frame.gain = actual.gain;
-    frame.lost_before = last_number_ == 0 ? 0 : *number - last_number_ - 1;
-    last_number_ = *number;
-    const std::uint64_t lost_before = frame.lost_before;
+    // The picture stays where Aravis put it; the last copy of it that goes tells the client.
+    frame.frame.gray = lent_picture(memory->at(ready.slot), ready.rows, ready.columns,
+                                    [memory, socket = client_->socket(), number = ready.memory, slot = ready.slot] {
+                                      send_message(*socket, packed(ClientRequest(FrameReturned{number, slot})));
+                                    });
+    frame.frame.time = ready.time;
+    // The numbers of another client follow on those of the one before.
+    if (first_of_client_ && last_number_ != 0)
+      number_offset_ = static_cast<std::int64_t>(last_number_ + 1 - ready.number);
+    first_of_client_ = false;
+    last_number_ = frame.frame.number =
+        static_cast<std::uint64_t>(static_cast<std::int64_t>(ready.number) + number_offset_);
+    frame.arrived = ready.arrived;
+    frame.camera_time = ready.camera_time;
+    frame.exposure_us = ready.exposure_us;
+    frame.gain = ready.gain;
+    frame.lost_before = ready.lost_before;
     const bool overwrote = mailbox_.put(std::move(frame));
     const std::lock_guard<std::mutex> lock(mutex_);
-    ++health_.received;
-    health_.overwritten += overwrote ? 1 : 0;
-    health_.lost += lost_before - std::min(lost_before, incomplete_since_good_);
-    incomplete_since_good_ = 0;
+    overwritten_ += overwrote ? 1 : 0;
+    return true;
   }
 
-  const GigeSettings settings_;
+  GigeSettings settings_;
   const steady_clock::time_point session_start_;
-  std::optional<LoopbackAddress> address_;
   Mailbox<CameraFrame> mailbox_;
   std::atomic<bool> end_{false};
 
-  mutable std::mutex mutex_;  ///< guards health_ and actual_
-  CameraHealth health_;
+  mutable std::mutex mutex_;  ///< guards what follows
+  std::shared_ptr<const int> socket_;
+  CameraHealth told_;    ///< by the present client
+  CameraHealth before_;  ///< the sums of those before it
+  std::uint64_t overwritten_ = 0;
+  std::uint64_t restarts_ = 0;
+  std::vector<CameraStateChange> history_;
   CameraSettings actual_;
 
-  // Of the grab thread (and of the constructor before it).
-  std::string known_serial_;  ///< of the camera that was opened first: only that one is opened again
-  std::string opened_at_;
-  ClockMap clock_;
-  FrameCounter counter_;
+  // Of the thread that listens (and of the constructor before it).
+  std::unique_ptr<ClientProcess> client_;
+  std::unique_ptr<ClientProcess> spare_;  ///< started, and told nothing yet: it opens the camera when the other dies
+  std::map<std::uint32_t, std::shared_ptr<SharedFrames>> memory_;
+  std::vector<LocalPort> ports_;
+  steady_clock::time_point last_word_{};
+  std::string last_end_;
+  std::optional<OpenFailed> refused_;
+  bool opened_ = false;
+  bool was_open_ = false;
+  bool first_of_client_ = true;
   std::uint64_t last_number_ = 0;
-  std::optional<nanoseconds> last_camera_time_;
-  std::uint64_t incomplete_since_good_ = 0;
+  std::int64_t number_offset_ = 0;
 
   std::thread thread_;
 };
@@ -601,7 +414,7 @@ class GigeCamera : public Camera {
 }  // namespace
 
 std::unique_ptr<Camera> open_gige(const GigeSettings& settings, steady_clock::time_point session_start) {
-  return std::make_unique<GigeCamera>(settings, session_start);
+  return std::make_unique<IsolatedGige>(settings, session_start);
 }
 
 }  // namespace tagdock

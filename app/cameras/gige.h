@@ -5,6 +5,7 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "app/camera.h"
 
@@ -30,11 +31,20 @@ struct GigeSettings {
   std::chrono::nanoseconds declared_latency{0};
   /// How long a camera that somebody else controls is waited for. A controller that died keeps it for 3 s.
   std::chrono::milliseconds take_over_wait{4000};
+  bool triggered = false;  ///< a frame comes only when Camera::trigger asks for it
+  /// Mono8, Mono10, Mono12 or Mono16; wider pixels are cut to their upper 8 bits, so that frames cost one copy.
+  std::string pixel_format = "Mono8";
+  bool ptp = false;     ///< lets the camera's clock follow the network's (IEEE 1588); not tried with a real camera
+  bool chunks = false;  ///< asks for each frame's own exposure and gain; not tried with a real camera
+  /// What runs `serve_gige_client` for us: a program and the words before which nothing else is read. Empty: this
+  /// program, as `tagdock camera-client`.
+  std::vector<std::string> client_program;
 };
 
-/// Opens a GigE Vision camera and starts its stream; a thread of its own hands the newest frame over, notices when the
-/// camera is lost (no good frame for 250 ms or 5 periods, and no answer to two probes), and opens the same camera again
-/// when it is back. Only numeric loopback addresses are ever spoken to, by unicast.
+/// Opens a GigE Vision camera and starts its stream. Aravis runs in a process of its own, since one malformed datagram
+/// aborts it: frames come by shared memory without a copy, and when the process dies or hangs, the camera is lost
+/// (Camera::health), its control is given back, and another process opens the same camera again.
+/// Only numeric loopback addresses are ever spoken to, by unicast.
 /// @param session_start  zero of the session's time
 /// @throws Failure (camera) with a sentence when nobody is there, another program controls the camera, or the link
 ///         breaks; Failure (usage) when a setting is refused

@@ -28,6 +28,8 @@ constexpr std::uint16_t discovery_command = 0x0002;
 constexpr std::uint16_t discovery_answer = 0x0003;
 constexpr std::uint16_t read_register_command = 0x0080;
 constexpr std::uint16_t read_register_answer = 0x0081;
+constexpr std::uint16_t write_register_command = 0x0082;
+constexpr std::uint16_t write_register_answer = 0x0083;
 constexpr std::uint32_t control_privilege_register = 0x0a00;
 constexpr std::size_t header_size = 8;
 
@@ -194,6 +196,29 @@ std::optional<bool> is_controlled(const LoopbackAddress& address, milliseconds t
   if (size < header_size + 4) return std::nullopt;
   constexpr unsigned exclusive_or_controlled = 0b11;
   return (datagram[header_size + 3] & exclusive_or_controlled) != 0;
+}
+
+void give_control_back(const LoopbackAddress& camera, const std::vector<LocalPort>& ports, milliseconds timeout) {
+  constexpr std::uint16_t id = 0x7467;
+  for (const LocalPort& port : ports) {
+    const Socket socket;
+    sockaddr_in here{};
+    here.sin_family = AF_INET;
+    here.sin_port = htons(static_cast<std::uint16_t>(port.port));
+    here.sin_addr.s_addr = htonl(port.address);
+    sockaddr_in to = gvcp_address(camera.number());
+    if (::bind(socket.handle(), reinterpret_cast<const sockaddr*>(&here), sizeof here) != 0 ||
+        ::connect(socket.handle(), reinterpret_cast<const sockaddr*>(&to), sizeof to) != 0)
+      continue;
+    std::array<std::uint8_t, header_size + 8> command{};
+    const auto header = command_header(write_register_command, 8, id);
+    std::copy(header.begin(), header.end(), command.begin());
+    put16(&command[header_size], control_privilege_register >> 16);
+    put16(&command[header_size + 2], control_privilege_register & 0xffff);
+    if (::send(socket.handle(), command.data(), command.size(), 0) < 0) continue;
+    Datagram datagram;
+    receive(socket, write_register_answer, id, steady_clock::now() + timeout, datagram, to);
+  }
 }
 
 bool gvcp_port_is_taken(const LoopbackAddress& address) {

@@ -47,6 +47,20 @@ std::vector<CameraIdentity> probe_loopback(std::chrono::milliseconds timeout);
 /// Aravis' camera renews the controller's lease (3 s) at every read of this register, whoever reads: ask seldom.
 std::optional<bool> is_controlled(const LoopbackAddress& address, std::chrono::milliseconds timeout);
 
+/// Where a UDP socket of this machine is bound.
+struct LocalPort {
+  std::uint32_t address = 0;  ///< host byte order
+  std::uint32_t port = 0;
+
+  bool operator==(const LocalPort&) const = default;
+};
+
+/// Gives the control of a camera back in the place of a controller that died: a camera knows its controller by address
+/// and port only, and would else wait for its heartbeat for seconds. Of the ports tried, those are passed over that
+/// somebody holds; a camera refuses the others, but for the one that has the control.
+void give_control_back(const LoopbackAddress& camera, const std::vector<LocalPort>& ports,
+                       std::chrono::milliseconds timeout);
+
 /// Whether another program holds the GVCP port 3956 of the address.
 bool gvcp_port_is_taken(const LoopbackAddress& address);
 

@@ -1,20 +1,28 @@
 #include "app/simulation/gige_server.h"
 
 #include <algorithm>
+#include <arpa/inet.h>
 #include <array>
 #include <bit>
+#include <cerrno>
+#include <condition_variable>
 #include <cstring>
+#include <deque>
 #include <mutex>
-#include <string_view>
-#include <sys/mman.h>
+#include <netinet/in.h>
+#include <optional>
+#include <poll.h>
+#include <random>
+#include <sys/socket.h>
+#include <thread>
 #include <unistd.h>
 #include <vector>
 
-#include <arv.h>
 #include <opencv2/imgproc.hpp>
 
 #include "app/cameras/gvcp_probe.h"
 #include "app/failure.h"
+#include "app/simulation/genicam_description.h"
 
 namespace tagdock {
 
@@ -24,179 +32,226 @@ using std::chrono::milliseconds;
 using std::chrono::nanoseconds;
 using std::chrono::steady_clock;
 
-// The bootstrap block that every GigE Vision camera has.
-constexpr std::uint32_t vendor_register = 0x48;
-constexpr std::uint32_t model_register = 0x68;
-constexpr std::uint32_t user_name_register = 0xe8;
-// Registers of our own, in memory that Aravis' camera leaves alone: IEEE 754 doubles, big-endian.
-constexpr std::uint32_t exposure_register = 0x400;
-constexpr std::uint32_t gain_register = 0x408;
-constexpr std::uint32_t frame_rate_register = 0x410;
+// GigE Vision 1.2. All numbers on the wire are big-endian.
+constexpr std::uint16_t gvcp_port = 3956;
+constexpr std::uint8_t gvcp_key = 0x42;
+constexpr std::uint8_t answer_wanted = 0x01;
+constexpr std::size_t header_size = 8;  // of both protocols
+enum Command : std::uint16_t {
+  discovery = 0x0002,
+  packet_resend = 0x0040,
+  read_register = 0x0080,
+  write_register = 0x0082,
+  read_memory = 0x0084,
+  write_memory = 0x0086
+};
+enum Status : std::uint16_t {
+  success = 0x0000,
+  not_implemented = 0x8001,
+  invalid_parameter = 0x8002,
+  invalid_address = 0x8003,
+  write_protected = 0x8004,
+  bad_alignment = 0x8005,
+  access_denied = 0x8006
+};
 
-// Aravis' camera looks for a frame at multiples of its own frame period. That period is kept short, so that a published
-// frame waits 2.5 ms on average; the client's frame rate is a register of ours. A turn without a new frame costs one
-// copy of the image in memory (0.1 ms).
-constexpr std::uint32_t turn_period_us = 5000;
-constexpr milliseconds first_answer_timeout{1000};
+// The bootstrap registers that are more than a constant.
+namespace bootstrap {
+constexpr std::uint32_t size = 0xf8;  // what a discovery answer shows
+constexpr std::uint32_t vendor = 0x48;
+constexpr std::uint32_t model = 0x68;
+constexpr std::uint32_t version = 0x88;
+constexpr std::uint32_t serial = 0xd8;
+constexpr std::uint32_t user_name = 0xe8;
+constexpr std::uint32_t first_url = 0x200;
+constexpr std::uint32_t capabilities = 0x934;
+constexpr std::uint32_t heartbeat_ms = 0x938;
+constexpr std::uint32_t tick_frequency_low = 0x940;
+constexpr std::uint32_t privilege = 0xa00;
+constexpr std::uint32_t stream_port = 0xd00;
+constexpr std::uint32_t stream_packet_size = 0xd04;
+constexpr std::uint32_t stream_packet_delay = 0xd08;
+constexpr std::uint32_t stream_address = 0xd18;
+constexpr std::uint32_t stream_source_port = 0xd1c;
+}  // namespace bootstrap
 
-// What the camera says about itself (GenICam 1.1). Names and units follow the Standard Features Naming Convention.
-constexpr std::string_view description = R"(<?xml version="1.0" encoding="utf-8"?>
-<RegisterDescription ModelName="Simulated" VendorName="tagdock" StandardNameSpace="GEV" SchemaMajorVersion="1"
-    SchemaMinorVersion="1" SchemaSubMinorVersion="0" MajorVersion="1" MinorVersion="0" SubMinorVersion="0"
-    ToolTip="A camera in the tagdock simulation" ProductGuid="2f1a4c60-5d0e-4b7b-9a53-7b1f3d0c9e11"
-    VersionGuid="2f1a4c60-5d0e-4b7b-9a53-7b1f3d0c9e12" xmlns="http://www.genicam.org/GenApi/Version_1_1"
-    xmlns:xsi="http://www.w3.org/2001/XMLSchema-instance"
-    xsi:schemaLocation="http://www.genicam.org/GenApi/Version_1_1 GenApiSchema_Version_1_1.xsd">
-  <Category Name="Root">
-    <pFeature>DeviceControl</pFeature><pFeature>ImageFormatControl</pFeature><pFeature>AcquisitionControl</pFeature>
-    <pFeature>AnalogControl</pFeature><pFeature>TransportLayerControl</pFeature>
-  </Category>
+constexpr std::uint32_t can_concatenate = 1U << 0;
+constexpr std::uint32_t can_write_memory = 1U << 1;
+constexpr std::uint32_t can_resend = 1U << 2;
+constexpr std::uint32_t has_serial_number = 1U << 30;
+constexpr std::uint32_t has_user_name = 1U << 31;
 
-  <Category Name="DeviceControl">
-    <pFeature>DeviceVendorName</pFeature><pFeature>DeviceModelName</pFeature><pFeature>DeviceSerialNumber</pFeature>
-    <pFeature>DeviceUserID</pFeature>
-  </Category>
-  <StringReg Name="DeviceVendorName"><Address>0x48</Address><Length>32</Length><AccessMode>RO</AccessMode><pPort>Device</pPort></StringReg>
-  <StringReg Name="DeviceModelName"><Address>0x68</Address><Length>32</Length><AccessMode>RO</AccessMode><pPort>Device</pPort></StringReg>
-  <StringReg Name="DeviceSerialNumber"><Address>0xd8</Address><Length>16</Length><AccessMode>RO</AccessMode><pPort>Device</pPort></StringReg>
-  <StringReg Name="DeviceUserID"><Address>0xe8</Address><Length>16</Length><AccessMode>RW</AccessMode><pPort>Device</pPort></StringReg>
+constexpr std::uint32_t mono8 = 0x01080001;
+constexpr std::uint32_t mono16 = 0x01100007;
+constexpr std::uint64_t tick_frequency = 1'000'000'000;
+constexpr std::uint64_t largest_id = 65535;                    // 0 is no frame id, so they run from 1 to this
+constexpr std::size_t packet_overhead = 20 + 8 + header_size;  // IP, UDP and GVSP headers count in the packet size
+constexpr std::size_t frames_for_resend = 4;
+constexpr std::size_t longest_command = 600;
 
-  <Category Name="ImageFormatControl">
-    <pFeature>SensorWidth</pFeature><pFeature>SensorHeight</pFeature><pFeature>WidthMax</pFeature><pFeature>HeightMax</pFeature>
-    <pFeature>BinningHorizontal</pFeature><pFeature>BinningVertical</pFeature>
-    <pFeature>Width</pFeature><pFeature>Height</pFeature><pFeature>OffsetX</pFeature><pFeature>OffsetY</pFeature>
-    <pFeature>PixelFormat</pFeature>
-  </Category>
-  <Integer Name="SensorWidth"><ImposedAccessMode>RO</ImposedAccessMode><pValue>SensorWidthRegister</pValue></Integer>
-  <Integer Name="SensorHeight"><ImposedAccessMode>RO</ImposedAccessMode><pValue>SensorHeightRegister</pValue></Integer>
-  <IntSwissKnife Name="WidthMax"><pVariable Name="SENSOR">SensorWidth</pVariable><pVariable Name="BINNING">BinningHorizontal</pVariable><pVariable Name="OFFSET">OffsetX</pVariable><Formula>SENSOR / BINNING - OFFSET</Formula></IntSwissKnife>
-  <IntSwissKnife Name="HeightMax"><pVariable Name="SENSOR">SensorHeight</pVariable><pVariable Name="BINNING">BinningVertical</pVariable><pVariable Name="OFFSET">OffsetY</pVariable><Formula>SENSOR / BINNING - OFFSET</Formula></IntSwissKnife>
-  <IntSwissKnife Name="OffsetXMax"><pVariable Name="SENSOR">SensorWidth</pVariable><pVariable Name="BINNING">BinningHorizontal</pVariable><pVariable Name="SIZE">Width</pVariable><Formula>SENSOR / BINNING - SIZE</Formula></IntSwissKnife>
-  <IntSwissKnife Name="OffsetYMax"><pVariable Name="SENSOR">SensorHeight</pVariable><pVariable Name="BINNING">BinningVertical</pVariable><pVariable Name="SIZE">Height</pVariable><Formula>SENSOR / BINNING - SIZE</Formula></IntSwissKnife>
-  <Integer Name="BinningHorizontal"><pValue>BinningHorizontalRegister</pValue><Min>1</Min><Max>4</Max></Integer>
-  <Integer Name="BinningVertical"><pValue>BinningVerticalRegister</pValue><Min>1</Min><Max>4</Max></Integer>
-  <Integer Name="Width"><pValue>WidthRegister</pValue><Min>16</Min><pMax>WidthMax</pMax><Inc>4</Inc></Integer>
-  <Integer Name="Height"><pValue>HeightRegister</pValue><Min>16</Min><pMax>HeightMax</pMax><Inc>2</Inc></Integer>
-  <Integer Name="OffsetX"><pValue>OffsetXRegister</pValue><Min>0</Min><pMax>OffsetXMax</pMax><Inc>4</Inc></Integer>
-  <Integer Name="OffsetY"><pValue>OffsetYRegister</pValue><Min>0</Min><pMax>OffsetYMax</pMax><Inc>2</Inc></Integer>
-  <Enumeration Name="PixelFormat">
-    <EnumEntry Name="Mono8"><Value>17301505</Value></EnumEntry>
-    <EnumEntry Name="Mono16"><Value>17825799</Value></EnumEntry>
-    <pValue>PixelFormatRegister</pValue>
-  </Enumeration>
-  <IntReg Name="SensorWidthRegister"><Address>0x11c</Address><Length>4</Length><AccessMode>RO</AccessMode><pPort>Device</pPort><Sign>Unsigned</Sign><Endianess>BigEndian</Endianess></IntReg>
-  <IntReg Name="SensorHeightRegister"><Address>0x118</Address><Length>4</Length><AccessMode>RO</AccessMode><pPort>Device</pPort><Sign>Unsigned</Sign><Endianess>BigEndian</Endianess></IntReg>
-  <IntReg Name="BinningHorizontalRegister"><Address>0x108</Address><Length>4</Length><AccessMode>RW</AccessMode><pPort>Device</pPort><Sign>Unsigned</Sign><Endianess>BigEndian</Endianess></IntReg>
-  <IntReg Name="BinningVerticalRegister"><Address>0x10c</Address><Length>4</Length><AccessMode>RW</AccessMode><pPort>Device</pPort><Sign>Unsigned</Sign><Endianess>BigEndian</Endianess></IntReg>
-  <IntReg Name="WidthRegister"><Address>0x100</Address><Length>4</Length><AccessMode>RW</AccessMode><pPort>Device</pPort><Sign>Unsigned</Sign><Endianess>BigEndian</Endianess></IntReg>
-  <IntReg Name="HeightRegister"><Address>0x104</Address><Length>4</Length><AccessMode>RW</AccessMode><pPort>Device</pPort><Sign>Unsigned</Sign><Endianess>BigEndian</Endianess></IntReg>
-  <IntReg Name="OffsetXRegister"><Address>0x130</Address><Length>4</Length><AccessMode>RW</AccessMode><pPort>Device</pPort><Sign>Unsigned</Sign><Endianess>BigEndian</Endianess></IntReg>
-  <IntReg Name="OffsetYRegister"><Address>0x134</Address><Length>4</Length><AccessMode>RW</AccessMode><pPort>Device</pPort><Sign>Unsigned</Sign><Endianess>BigEndian</Endianess></IntReg>
-  <IntReg Name="PixelFormatRegister"><Address>0x128</Address><Length>4</Length><AccessMode>RW</AccessMode><pPort>Device</pPort><Sign>Unsigned</Sign><Endianess>BigEndian</Endianess></IntReg>
+void put16(std::uint8_t* bytes, std::uint32_t value) {
+  bytes[0] = static_cast<std::uint8_t>(value >> 8);
+  bytes[1] = static_cast<std::uint8_t>(value);
+}
+void put32(std::uint8_t* bytes, std::uint32_t value) {
+  put16(bytes, value >> 16);
+  put16(bytes + 2, value & 0xffff);
+}
+void put64(std::uint8_t* bytes, std::uint64_t value) {
+  put32(bytes, static_cast<std::uint32_t>(value >> 32));
+  put32(bytes + 4, static_cast<std::uint32_t>(value));
+}
+std::uint32_t get16(const std::uint8_t* bytes) { return static_cast<std::uint32_t>(bytes[0] << 8 | bytes[1]); }
+std::uint32_t get32(const std::uint8_t* bytes) { return get16(bytes) << 16 | get16(bytes + 2); }
 
-  <Category Name="AcquisitionControl">
-    <pFeature>AcquisitionMode</pFeature><pFeature>AcquisitionStart</pFeature><pFeature>AcquisitionStop</pFeature>
-    <pFeature>AcquisitionFrameRate</pFeature><pFeature>ExposureTime</pFeature>
-  </Category>
-  <Enumeration Name="AcquisitionMode"><EnumEntry Name="Continuous"><Value>1</Value></EnumEntry><pValue>AcquisitionModeRegister</pValue></Enumeration>
-  <Command Name="AcquisitionStart"><pValue>AcquisitionRegister</pValue><CommandValue>1</CommandValue></Command>
-  <Command Name="AcquisitionStop"><pValue>AcquisitionRegister</pValue><CommandValue>0</CommandValue></Command>
-  <Float Name="AcquisitionFrameRate"><pValue>FrameRateRegister</pValue><Min>0.5</Min><Max>200.0</Max><Unit>Hz</Unit></Float>
-  <Float Name="ExposureTime"><pValue>ExposureRegister</pValue><Min>10.0</Min><Max>1000000.0</Max><Unit>us</Unit></Float>
-  <IntReg Name="AcquisitionModeRegister"><Address>0x12c</Address><Length>4</Length><AccessMode>RW</AccessMode><pPort>Device</pPort><Sign>Unsigned</Sign><Endianess>BigEndian</Endianess></IntReg>
-  <IntReg Name="AcquisitionRegister"><Address>0x124</Address><Length>4</Length><AccessMode>RW</AccessMode><pPort>Device</pPort><Sign>Unsigned</Sign><Endianess>BigEndian</Endianess></IntReg>
-  <FloatReg Name="ExposureRegister"><Address>0x400</Address><Length>8</Length><AccessMode>RW</AccessMode><pPort>Device</pPort><Endianess>BigEndian</Endianess></FloatReg>
-  <FloatReg Name="GainRegister"><Address>0x408</Address><Length>8</Length><AccessMode>RW</AccessMode><pPort>Device</pPort><Endianess>BigEndian</Endianess></FloatReg>
-  <FloatReg Name="FrameRateRegister"><Address>0x410</Address><Length>8</Length><AccessMode>RW</AccessMode><pPort>Device</pPort><Endianess>BigEndian</Endianess></FloatReg>
-
-  <Category Name="AnalogControl"><pFeature>Gain</pFeature></Category>
-  <Float Name="Gain"><pValue>GainRegister</pValue><Min>0.0</Min><Max>24.0</Max><Unit>dB</Unit></Float>
-
-  <Category Name="TransportLayerControl"><pFeature>PayloadSize</pFeature><pFeature>TLParamsLocked</pFeature></Category>
-  <IntSwissKnife Name="PayloadSize"><pVariable Name="W">Width</pVariable><pVariable Name="H">Height</pVariable><pVariable Name="FORMAT">PixelFormatRegister</pVariable><Formula>W * H * ((FORMAT &gt;&gt; 16) &amp; 0xff) / 8</Formula></IntSwissKnife>
-  <Integer Name="TLParamsLocked"><Value>0</Value><Min>0</Min><Max>1</Max></Integer>
-
-  <Port Name="Device"/>
-</RegisterDescription>
-)";
-
-/// A file that exists in memory only, for a library that wants a path.
-class MemoryFile {
+/// A UDP socket bound to an address.
+class Socket {
  public:
-  explicit MemoryFile(std::string_view content) : handle_(::memfd_create("genicam.xml", MFD_CLOEXEC)) {
-    if (handle_ < 0 || ::write(handle_, content.data(), content.size()) != static_cast<ssize_t>(content.size()))
-      throw Failure(ExitCode::internal,
-                    std::string("the camera description does not fit in memory: ") + std::strerror(errno));
+  Socket(std::uint32_t address, std::uint16_t port) : handle_(::socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0)) {
+    sockaddr_in here{};
+    here.sin_family = AF_INET;
+    here.sin_port = htons(port);
+    here.sin_addr.s_addr = htonl(address);
+    if (handle_ >= 0 && ::bind(handle_, reinterpret_cast<sockaddr*>(&here), sizeof here) == 0) return;
+    error_ = errno;
   }
-  ~MemoryFile() { ::close(handle_); }
-  MemoryFile(const MemoryFile&) = delete;
-  MemoryFile& operator=(const MemoryFile&) = delete;
-  [[nodiscard]] std::string path() const { return "/proc/self/fd/" + std::to_string(handle_); }
+  ~Socket() {
+    if (handle_ >= 0) ::close(handle_);
+  }
+  Socket(const Socket&) = delete;
+  Socket& operator=(const Socket&) = delete;
+  [[nodiscard]] int handle() const { return handle_; }
+  [[nodiscard]] int error() const { return error_; }
+  [[nodiscard]] std::uint16_t port() const {
+    sockaddr_in here{};
+    socklen_t size = sizeof here;
+    ::getsockname(handle_, reinterpret_cast<sockaddr*>(&here), &size);
+    return ntohs(here.sin_port);
+  }
 
  private:
   int handle_;
+  int error_ = 0;
 };
 
-void write_text(ArvFakeCamera* camera, std::uint32_t address, std::size_t size, const std::string& text) {
-  std::vector<char> bytes(size, '\0');
-  std::copy_n(text.begin(), std::min(text.size(), size - 1), bytes.begin());
-  arv_fake_camera_write_memory(camera, address, static_cast<guint32>(size), bytes.data());
+bool same(const sockaddr_in& a, const sockaddr_in& b) {
+  return a.sin_addr.s_addr == b.sin_addr.s_addr && a.sin_port == b.sin_port;
 }
 
-void write_double(ArvFakeCamera* camera, std::uint32_t address, double value) {
-  const std::uint64_t bits = GUINT64_TO_BE(std::bit_cast<std::uint64_t>(value));
-  arv_fake_camera_write_memory(camera, address, sizeof bits, &bits);
-}
+/// The camera's memory: bootstrap block, our registers, the description. What a client may change is said here.
+class Memory {
+ public:
+  explicit Memory(const GigeServerSettings& settings, std::uint32_t address)
+      : bytes_(camera_register::description + camera_description.size()) {
+    write(0x0, 0x00010002);  // GigE Vision 1.2
+    write(0x4, 0x80000001);  // big-endian, a transmitter, UTF-8
+    write(0x8, 0x0000dead);  // MAC address; the loopback device has none
+    write(0xc, 0xbeef0000 | (address & 0xffff));
+    write(0x10, 0x7);
+    write(0x14, 0x5);
+    write(0x24, address);
+    write(0x34, 0xff000000);
+    text(bootstrap::vendor, 32, "tagdock");
+    text(bootstrap::model, 32, settings.model);
+    text(bootstrap::version, 32, "1");
+    text(bootstrap::serial, 16, settings.serial);
+    text(bootstrap::user_name, 16, settings.user_name);
+    std::array<char, 64> url{};
+    std::snprintf(url.data(), url.size(), "Local:tagdock.xml;%x;%zx", camera_register::description,
+                  camera_description.size());
+    text(bootstrap::first_url, 512, url.data());
+    write(0x600, 1);  // one interface
+    write(0x900, 0);  // no message channel
+    write(0x904, 1);  // one stream channel
+    write(bootstrap::capabilities,
+          can_concatenate | can_write_memory | has_serial_number | has_user_name | (settings.resend ? can_resend : 0));
+    write(bootstrap::heartbeat_ms, 3000);
+    write(bootstrap::tick_frequency_low, tick_frequency);
+    write(bootstrap::stream_packet_size, 1400);
+    using namespace camera_register;
+    write(sensor_width, static_cast<std::uint32_t>(settings.width));
+    write(sensor_height, static_cast<std::uint32_t>(settings.height));
+    write(width, static_cast<std::uint32_t>(settings.width));
+    write(height, static_cast<std::uint32_t>(settings.height));
+    write(binning_horizontal, 1);
+    write(binning_vertical, 1);
+    write(pixel_format, mono8);
+    write(acquisition_mode, 1);
+    real(exposure, settings.exposure_us);
+    real(gain, settings.gain);
+    real(frame_rate, settings.frame_rate);
+    std::copy(camera_description.begin(), camera_description.end(),
+              bytes_.begin() + static_cast<std::ptrdiff_t>(description));
+  }
 
-double read_double(ArvFakeCamera* camera, std::uint32_t address) {
-  std::uint64_t bits = 0;
-  arv_fake_camera_read_memory(camera, address, sizeof bits, &bits);
-  return std::bit_cast<double>(GUINT64_FROM_BE(bits));
-}
+  [[nodiscard]] bool holds(std::uint64_t address, std::uint64_t size) const { return address + size <= bytes_.size(); }
+  [[nodiscard]] const std::uint8_t* at(std::uint32_t address) const { return &bytes_[address]; }
+  [[nodiscard]] std::uint32_t read(std::uint32_t address) const { return get32(&bytes_[address]); }
+  [[nodiscard]] double real(std::uint32_t address) const {
+    return std::bit_cast<double>(std::uint64_t{read(address)} << 32 | read(address + 4));
+  }
+  void write(std::uint32_t address, std::uint32_t value) { put32(&bytes_[address], value); }
+  void write(std::uint32_t address, const std::uint8_t* from, std::size_t size) {
+    std::copy_n(from, size, bytes_.begin() + static_cast<std::ptrdiff_t>(address));
+  }
 
-std::uint32_t read_register(ArvFakeCamera* camera, std::uint32_t address) {
-  guint32 value = 0;
-  arv_fake_camera_read_register(camera, address, &value);
-  return value;
-}
+  [[nodiscard]] static bool writable(std::uint64_t address, std::uint64_t size) {
+    const auto inside = [&](std::uint32_t begin, std::uint32_t end) {
+      return address >= begin && address + size <= end;
+    };
+    return inside(bootstrap::user_name, bootstrap::user_name + 16) ||
+           inside(bootstrap::heartbeat_ms, bootstrap::heartbeat_ms + 4) ||
+           inside(bootstrap::privilege, bootstrap::privilege + 4) ||
+           inside(bootstrap::stream_port, bootstrap::stream_packet_delay + 4) ||
+           inside(bootstrap::stream_address, bootstrap::stream_address + 4) ||
+           inside(camera_register::first_writable, camera_register::end);
+  }
+
+ private:
+  void text(std::uint32_t address, std::size_t size, const std::string& words) {
+    std::copy_n(words.begin(), std::min(words.size(), size - 1), bytes_.begin() + static_cast<std::ptrdiff_t>(address));
+  }
+  void real(std::uint32_t address, double value) { put64(&bytes_[address], std::bit_cast<std::uint64_t>(value)); }
+
+  std::vector<std::uint8_t> bytes_;
+};
+
+/// A frame cut into packets, kept while the client may ask for some of them again.
+struct Packets {
+  std::uint32_t id = 0;
+  nanoseconds time{0};
+  std::uint32_t format = mono8;
+  cv::Mat pixels;          ///< continuous
+  cv::Point offset;        ///< of the region, in binned pixels
+  cv::Size agreed;         ///< what the leader says
+  std::size_t block = 0;   ///< bytes of payload in a packet
+  std::size_t blocks = 0;  ///< payload packets; the leader is packet 0, the trailer packet blocks + 1
+};
 
 }  // namespace
 
 class GigeServer::Implementation {
  public:
-  explicit Implementation(const GigeServerSettings& settings) : settings_(settings) {
-    const LoopbackAddress address(settings.address);
+  explicit Implementation(const GigeServerSettings& settings)
+      : settings_(settings),
+        address_(settings.address),
+        control_(address_.number(), gvcp_port),
+        stream_(address_.number(), 0),
+        memory_(settings, address_.number()) {
     if (settings.serial.empty() || settings.serial.size() > 15)
       throw Failure(ExitCode::usage,
                     "the serial number of a simulated camera has 1 to 15 characters, not '" + settings.serial + "'");
-    const std::string taken = "another camera simulator holds port 3956 on " + settings.address +
-                              ": stop it, or wait for it to end; no two can share an address";
-    // Aravis' server says that it runs even when it could not have the port, so the port is asked before and after.
-    if (gvcp_port_is_taken(address)) throw Failure(ExitCode::camera, taken);
-    {
-      // Aravis' thread reads all this in turn().
-      const std::lock_guard<std::mutex> lock(mutex_);
-      const MemoryFile genicam(description);
-      server_ = arv_gv_fake_camera_new_full(settings.address.c_str(), settings.serial.c_str(), genicam.path().c_str());
-      camera_ = arv_gv_fake_camera_get_fake_camera(server_);
-      client_.exposure_us = settings.exposure_us;
-      client_.gain = settings.gain;
-      client_.frame_rate = settings.frame_rate;
-      client_.region = cv::Rect(0, 0, settings.width, settings.height);
-      write_registers();
-    }
-    arv_fake_camera_set_fill_pattern(camera_, &Implementation::fill, this);
-    if (!arv_gv_fake_camera_is_running(server_)) {
-      stop();
-      throw Failure(ExitCode::camera, "the loopback device has no address " + settings.address +
-                                          ": use 127.0.0.1, or give it one with: ip addr add " + settings.address +
-                                          "/8 dev lo");
-    }
-    const auto seen = probe_camera(address, first_answer_timeout);
-    if (!seen || seen->serial != settings.serial) {
-      stop();
-      throw Failure(ExitCode::camera, taken);
-    }
+    if (control_.error() != 0)
+      throw Failure(ExitCode::camera,
+                    control_.error() == EADDRINUSE
+                        ? "another camera simulator holds port 3956 on " + settings.address +
+                              ": stop it, or wait for it to end; no two can share an address"
+                        : "port 3956 on " + settings.address + " cannot be had: " + std::strerror(control_.error()));
+    if (stream_.error() != 0)
+      throw Failure(ExitCode::camera, std::string("no socket for the stream: ") + std::strerror(stream_.error()));
+    memory_.write(bootstrap::stream_source_port, stream_.port());
+    controlling_ = std::thread([this] { control(); });
+    sending_ = std::thread([this] { send_frames(); });
   }
 
   ~Implementation() { stop(); }
@@ -209,13 +264,17 @@ class GigeServer::Implementation {
     const std::lock_guard<std::mutex> lock(mutex_);
     newest_ = frame;
     fresh_ = true;
+    changed_.notify_all();
   }
 
   ServedSettings client() const {
     const std::lock_guard<std::mutex> lock(mutex_);
-    ServedSettings client = client_;
-    // Aravis' server does not tell when a stream ends; one that takes no turn for this long has ended.
-    client.streaming = last_turn_ && steady_clock::now() - *last_turn_ < milliseconds(500);
+    ServedSettings client;
+    client.exposure_us = memory_.real(camera_register::exposure);
+    client.gain = memory_.real(camera_register::gain);
+    client.frame_rate = memory_.real(camera_register::frame_rate);
+    client.region = region();
+    client.streaming = streaming();
     return client;
   }
 
@@ -223,128 +282,394 @@ class GigeServer::Implementation {
     const std::lock_guard<std::mutex> lock(mutex_);
     return sent_;
   }
-
-  void lose_packets(double ratio) {
+  std::uint64_t sent_again() const {
     const std::lock_guard<std::mutex> lock(mutex_);
-    lost_ratio_ = std::clamp(ratio, 0.0, 1.0);
+    return sent_again_;
   }
 
-  void silence(bool on) {
+  GigeFaults faults() const {
     const std::lock_guard<std::mutex> lock(mutex_);
-    silent_ = on;
+    return faults_;
+  }
+  void faults(const GigeFaults& faults) {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    faults_ = faults;
+    faults_.lost_packets = std::clamp(faults_.lost_packets, 0.0, 1.0);
+  }
+
+  bool send_to_stream(const void* bytes, std::size_t size) {
+    sockaddr_in to{};
+    {
+      const std::lock_guard<std::mutex> lock(mutex_);
+      if (!streaming() || stopped_) return false;
+      to = destination();
+    }
+    return ::sendto(stream_.handle(), bytes, size, MSG_DONTWAIT, reinterpret_cast<const sockaddr*>(&to), sizeof to) >=
+           0;
   }
 
   void stop() {
-    const std::lock_guard<std::mutex> lock(stop_mutex_);
-    if (server_ == nullptr) return;
-    // The last turn must be over before the server goes: it sets a property of the server, which a dying object does
-    // not allow. Exchanging the pattern waits for a turn under way.
-    arv_fake_camera_set_fill_pattern(
-        camera_, [](ArvBuffer*, void*, guint32, guint32, ArvPixelFormat) {}, nullptr);
-    g_object_set(server_, "gvsp-lost-ratio", 1.0, nullptr);
-    g_object_unref(server_);
-    const std::lock_guard<std::mutex> ended(mutex_);
-    server_ = nullptr;
+    {
+      const std::lock_guard<std::mutex> lock(mutex_);
+      if (stopped_) return;
+      stopped_ = true;
+      changed_.notify_all();
+    }
+    controlling_.join();
+    sending_.join();
+    // Nobody else uses the sockets now; what is asked from here on must find nobody.
+    const int nowhere = ::socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
+    ::dup2(nowhere, control_.handle());
+    ::close(nowhere);
   }
 
  private:
-  void write_registers() {
-    write_text(camera_, vendor_register, 32, "tagdock");
-    write_text(camera_, model_register, 32, settings_.model);
-    write_text(camera_, user_name_register, 16, settings_.user_name);
-    const auto width = static_cast<guint32>(settings_.width);
-    const auto height = static_cast<guint32>(settings_.height);
-    arv_fake_camera_write_register(camera_, ARV_FAKE_CAMERA_REGISTER_SENSOR_WIDTH, width);
-    arv_fake_camera_write_register(camera_, ARV_FAKE_CAMERA_REGISTER_SENSOR_HEIGHT, height);
-    arv_fake_camera_write_register(camera_, ARV_FAKE_CAMERA_REGISTER_WIDTH, width);
-    arv_fake_camera_write_register(camera_, ARV_FAKE_CAMERA_REGISTER_HEIGHT, height);
-    arv_fake_camera_write_register(camera_, ARV_FAKE_CAMERA_REGISTER_ACQUISITION_FRAME_PERIOD_US, turn_period_us);
-    write_double(camera_, exposure_register, settings_.exposure_us);
-    write_double(camera_, gain_register, settings_.gain);
-    write_double(camera_, frame_rate_register, settings_.frame_rate);
-  }
+  // ---- control -------------------------------------------------------------------------------------------------
 
-  /// Called by Aravis' control thread at every turn of the stream: while it runs, no register can be read. It takes
-  /// what the client has set and copies the newest frame; without one, or in silence, all packets of this turn are
-  /// lost.
-  static void fill(ArvBuffer* buffer, void* self, guint32, guint32, ArvPixelFormat format) {
-    static_cast<Implementation*>(self)->turn(buffer, format);
-  }
-
-  void turn(ArvBuffer* buffer, ArvPixelFormat format) {
-    const auto now = steady_clock::now();
-    ServedFrame frame;
-    cv::Rect region;
-    cv::Size binning;
-    double lost_ratio = 1.0;
-    ArvGvFakeCamera* server = nullptr;
-    {
+  void control() {
+    std::array<std::uint8_t, longest_command> command{};
+    while (true) {
+      pollfd wanted{control_.handle(), POLLIN, 0};
+      constexpr int heartbeat_check_ms = 50;
+      ::poll(&wanted, 1, heartbeat_check_ms);
       const std::lock_guard<std::mutex> lock(mutex_);
-      server = server_;
-      last_turn_ = now;
-      client_.exposure_us = read_double(camera_, exposure_register);
-      client_.gain = read_double(camera_, gain_register);
-      client_.frame_rate = read_double(camera_, frame_rate_register);
-      gint width = 0, height = 0, ignored = 0;
-      arv_buffer_get_image_region(buffer, &ignored, &ignored, &width, &height);
-      const auto x = static_cast<int>(read_register(camera_, ARV_FAKE_CAMERA_REGISTER_X_OFFSET));
-      const auto y = static_cast<int>(read_register(camera_, ARV_FAKE_CAMERA_REGISTER_Y_OFFSET));
-      binning.width = static_cast<int>(read_register(camera_, ARV_FAKE_CAMERA_REGISTER_BINNING_HORIZONTAL));
-      binning.height = static_cast<int>(read_register(camera_, ARV_FAKE_CAMERA_REGISTER_BINNING_VERTICAL));
-      // What the client asks for in binned pixels, and what that is of the sensor.
-      region = cv::Rect(x * binning.width, y * binning.height, width * binning.width, height * binning.height) &
-               cv::Rect(0, 0, settings_.width, settings_.height);
-      client_.region = region;
-      const bool whole = region.width == width * binning.width && region.height == height * binning.height;
-      if (fresh_ && whole && now >= due_) {
+      if (stopped_) return;
+      const auto heartbeat = milliseconds(std::max(500U, memory_.read(bootstrap::heartbeat_ms)));
+      if (controller_ && steady_clock::now() - controller_seen_ > heartbeat) release();
+      sockaddr_in from{};
+      socklen_t from_size = sizeof from;
+      const ssize_t size = ::recvfrom(control_.handle(), command.data(), command.size(), MSG_DONTWAIT,
+                                      reinterpret_cast<sockaddr*>(&from), &from_size);
+      if (size >= static_cast<ssize_t>(header_size) && command[0] == gvcp_key)
+        answer(command.data(), static_cast<std::size_t>(size), from);
+    }
+  }
+
+  void release() {
+    controller_.reset();
+    memory_.write(bootstrap::privilege, 0);
+    memory_.write(bootstrap::stream_port, 0);
+    memory_.write(camera_register::acquisition, 0);
+  }
+
+  void answer(const std::uint8_t* command, std::size_t size, const sockaddr_in& from) {
+    const std::uint32_t what = get16(command + 2);
+    const std::uint32_t length = get16(command + 4);
+    const std::uint8_t* content = command + header_size;
+    const bool whole = size >= header_size + length;
+    if (controller_ && same(*controller_, from)) controller_seen_ = steady_clock::now();
+    if (what == packet_resend) {
+      if (whole && length >= 12) resend(content);
+      return;  // has no answer
+    }
+    std::vector<std::uint8_t> reply(header_size);
+    Status status = success;
+    if (!whole)
+      status = invalid_parameter;
+    else if (what == discovery)
+      reply.insert(reply.end(), memory_.at(0), memory_.at(0) + bootstrap::size);
+    else if (what == read_register)
+      status = read_registers(content, length, reply);
+    else if (what == write_register)
+      status = write_registers(content, length, from, reply);
+    else if (what == read_memory)
+      status = read_block(content, length, reply);
+    else if (what == write_memory)
+      status = write_block(content, length, from, reply);
+    else
+      status = not_implemented;
+    if ((command[1] & answer_wanted) == 0) return;
+    put16(&reply[0], status);
+    put16(&reply[2], what + 1);
+    put16(&reply[4], static_cast<std::uint32_t>(reply.size() - header_size));
+    put16(&reply[6], get16(command + 6));
+    ::sendto(control_.handle(), reply.data(), reply.size(), MSG_DONTWAIT, reinterpret_cast<const sockaddr*>(&from),
+             sizeof from);
+  }
+
+  Status read_registers(const std::uint8_t* content, std::size_t length, std::vector<std::uint8_t>& reply) const {
+    if (length % 4 != 0) return invalid_parameter;
+    for (std::size_t i = 0; i < length; i += 4) {
+      const std::uint32_t address = get32(content + i);
+      if (address % 4 != 0) return bad_alignment;
+      if (!memory_.holds(address, 4)) return invalid_address;
+      reply.insert(reply.end(), memory_.at(address), memory_.at(address) + 4);
+    }
+    return success;
+  }
+
+  Status read_block(const std::uint8_t* content, std::size_t length, std::vector<std::uint8_t>& reply) const {
+    if (length < 8) return invalid_parameter;
+    const std::uint32_t address = get32(content);
+    const std::uint32_t size = get16(content + 6);
+    constexpr std::uint32_t largest_block = 536;
+    if (size > largest_block) return invalid_parameter;
+    // The last block of the description may reach beyond it: Aravis reads whole blocks.
+    reply.insert(reply.end(), content, content + 4);
+    if (!memory_.holds(address, 1)) return invalid_address;
+    for (std::uint32_t i = 0; i < size; ++i)
+      reply.push_back(memory_.holds(std::uint64_t{address} + i, 1) ? *memory_.at(address + i) : std::uint8_t{0});
+    return success;
+  }
+
+  Status write_registers(const std::uint8_t* content, std::size_t length, const sockaddr_in& from,
+                         std::vector<std::uint8_t>& reply) {
+    if (length % 8 != 0) return invalid_parameter;
+    for (std::size_t i = 0; i < length; i += 8)
+      if (const Status status = write(get32(content + i), content + i + 4, 4, from); status != success) return status;
+    reply.resize(header_size + 4);
+    put16(&reply[header_size + 2], static_cast<std::uint32_t>(length / 8));
+    return success;
+  }
+
+  Status write_block(const std::uint8_t* content, std::size_t length, const sockaddr_in& from,
+                     std::vector<std::uint8_t>& reply) {
+    if (length < 4) return invalid_parameter;
+    if (const Status status = write(get32(content), content + 4, length - 4, from); status != success) return status;
+    reply.resize(header_size + 4);
+    put16(&reply[header_size + 2], static_cast<std::uint32_t>(length - 4));
+    return success;
+  }
+
+  Status write(std::uint32_t address, const std::uint8_t* bytes, std::size_t size, const sockaddr_in& from) {
+    if (!memory_.holds(address, size)) return invalid_address;
+    if (!Memory::writable(address, size)) return write_protected;
+    const bool is_controller = controller_ && same(*controller_, from);
+    if (address == bootstrap::privilege) {
+      if (controller_ && !is_controller) return access_denied;
+      if (get32(bytes) == 0) {
+        release();
+        return success;
+      }
+      controller_ = from;
+      controller_seen_ = steady_clock::now();
+    } else if (!is_controller) {
+      return access_denied;
+    }
+    memory_.write(address, bytes, size);
+    if (address == camera_register::trigger_software) trigger_ = true;
+    if (address == camera_register::acquisition) {
+      due_ = {};
+      trigger_ = false;
+    }
+    changed_.notify_all();
+    return success;
+  }
+
+  // ---- stream --------------------------------------------------------------------------------------------------
+
+  [[nodiscard]] bool streaming() const {
+    return controller_ && memory_.read(camera_register::acquisition) != 0 &&
+           memory_.read(bootstrap::stream_port) % 65536 != 0;
+  }
+
+  [[nodiscard]] sockaddr_in destination() const {
+    sockaddr_in to{};
+    to.sin_family = AF_INET;
+    to.sin_port = htons(static_cast<std::uint16_t>(memory_.read(bootstrap::stream_port) % 65536));
+    to.sin_addr.s_addr = htonl(memory_.read(bootstrap::stream_address));
+    return to;
+  }
+
+  [[nodiscard]] cv::Size binning() const {
+    return {std::clamp(static_cast<int>(memory_.read(camera_register::binning_horizontal)), 1, 4),
+            std::clamp(static_cast<int>(memory_.read(camera_register::binning_vertical)), 1, 4)};
+  }
+
+  /// What of the sensor is sent, in sensor pixels; empty when the client asks for what there is not.
+  [[nodiscard]] cv::Rect region() const {
+    const cv::Size bin = binning();
+    const auto number = [&](std::uint32_t address) { return std::int64_t{memory_.read(address)}; };
+    const std::int64_t x = number(camera_register::offset_x) * bin.width;
+    const std::int64_t y = number(camera_register::offset_y) * bin.height;
+    const std::int64_t width = number(camera_register::width) * bin.width;
+    const std::int64_t height = number(camera_register::height) * bin.height;
+    if (width <= 0 || height <= 0 || x + width > settings_.width || y + height > settings_.height) return {};
+    return {static_cast<int>(x), static_cast<int>(y), static_cast<int>(width), static_cast<int>(height)};
+  }
+
+  void send_frames() {
+    std::unique_lock<std::mutex> lock(mutex_);
+    while (true) {
+      changed_.wait(lock, [this] { return stopped_ || fresh_; });
+      if (stopped_) return;
+      const bool triggered = memory_.read(camera_register::trigger_mode) != 0;
+      const cv::Rect part = region();
+      if (!streaming() || part.empty() || (triggered && !trigger_)) {
         fresh_ = false;
-        frame = newest_;
-        // Frames that come a little late do not slow the rhythm, but a pause is not made up for.
-        const nanoseconds period(static_cast<std::int64_t>(1e9 / std::max(client_.frame_rate, 0.5)));
-        due_ = std::max(due_, now - period) + period;
-        if (!silent_) {
-          lost_ratio = lost_ratio_;
-          ++sent_;
-        }
+        continue;
+      }
+      const auto now = steady_clock::now();
+      if (!triggered && now < due_) {
+        changed_.wait_until(lock, due_);
+        continue;
+      }
+      fresh_ = false;
+      trigger_ = false;
+      // Frames that come a little late do not slow the rhythm, but a pause is not made up for.
+      const double rate = std::clamp(memory_.real(camera_register::frame_rate), 0.5, 1000.0);
+      const nanoseconds period(static_cast<std::int64_t>(1e9 / rate));
+      due_ = std::max(due_, now - period) + period;
+      if (faults_.silent) continue;
+      ++sent_;
+      const ServedFrame frame = newest_;
+      Packets packets = describe(frame, part);
+      const std::uint32_t delay = memory_.read(bootstrap::stream_packet_delay);
+      const double lost = faults_.lost_packets;
+      const sockaddr_in to = destination();
+      lock.unlock();
+      packets.pixels = pixels_of(frame, part, packets);
+      send(packets, 0, packets.blocks + 1, lost, delay, to, random_);
+      lock.lock();
+      if (settings_.resend) {
+        recent_.push_back(std::move(packets));
+        if (recent_.size() > frames_for_resend) recent_.pop_front();
       }
     }
-    g_object_set(server, "gvsp-lost-ratio", lost_ratio, nullptr);
-    if (frame.gray.empty()) return;
-    constexpr std::uint64_t largest_id = 65535;  // 0 is no frame id, so they run from 1 to this
-    arv_buffer_set_frame_id(buffer, frame.number % largest_id + 1);
-    arv_buffer_set_timestamp(buffer, static_cast<guint64>(frame.camera_time.count()));
-    size_t size = 0;
-    auto* pixels = static_cast<unsigned char*>(const_cast<void*>(arv_buffer_get_data(buffer, &size)));
-    cv::Mat1b shown = frame.gray(region);
-    const cv::Size sent_size(region.width / binning.width, region.height / binning.height);
-    if (sent_size != region.size()) {
-      cv::Mat1b averaged;
-      cv::resize(shown, averaged, sent_size, 0.0, 0.0, cv::INTER_AREA);  // whole factors: the mean of each block
+  }
+
+  /// Everything about a frame but its pixels, with the faults that the camera has. The lock is held.
+  Packets describe(const ServedFrame& frame, const cv::Rect& part) {
+    Packets packets;
+    if (!faults_.stale_times || !last_time_) last_time_ = frame.camera_time + faults_.time_jump;
+    packets.time = *last_time_;
+    if (!faults_.frozen || frozen_.empty()) frozen_ = frame.gray;
+    packets.id = static_cast<std::uint32_t>(frame.number % largest_id + 1);
+    packets.format = memory_.read(camera_register::pixel_format) == mono16 ? mono16 : mono8;
+    const cv::Size bin = binning();
+    packets.offset = {part.x / bin.width, part.y / bin.height};
+    packets.agreed = {part.width / bin.width, part.height / bin.height};
+    if (faults_.wrong_size) packets.agreed.height = std::max(1, packets.agreed.height / 2);
+    const std::size_t wanted = memory_.read(bootstrap::stream_packet_size) % 65536;
+    constexpr std::size_t smallest_packet = 576, largest_packet = 65000;
+    packets.block = std::clamp(wanted, smallest_packet, largest_packet) - packet_overhead;
+    const std::size_t bytes = static_cast<std::size_t>(packets.agreed.area()) * (packets.format == mono16 ? 2 : 1);
+    packets.blocks = (bytes + packets.block - 1) / packets.block;
+    return packets;
+  }
+
+  cv::Mat pixels_of(const ServedFrame& frame, const cv::Rect& part, const Packets& packets) {
+    // Of the thread that sends alone: nobody else touches the frozen picture.
+    const cv::Mat1b& gray = frozen_.empty() ? frame.gray : frozen_;
+    cv::Mat shown = gray(part);
+    const cv::Size whole(packets.agreed.width, static_cast<int>(part.height * packets.agreed.width / part.width));
+    if (whole.width != part.width) {
+      cv::Mat averaged;
+      // Whole factors: the mean of each block.
+      cv::resize(shown, averaged, {whole.width, std::max(packets.agreed.height, whole.height)}, 0.0, 0.0,
+                 cv::INTER_AREA);
       shown = averaged;
     }
-    if (format == ARV_PIXEL_FORMAT_MONO_16) {
-      cv::Mat1w wide(sent_size.height, sent_size.width, reinterpret_cast<std::uint16_t*>(pixels));
+    shown = shown.rowRange(0, packets.agreed.height);
+    if (packets.format == mono16) {
+      cv::Mat wide;
       shown.convertTo(wide, CV_16U, 257.0);
-    } else {
-      cv::Mat1b sent(sent_size.height, sent_size.width, pixels);
-      shown.copyTo(sent);
+      return wide;
+    }
+    return shown.isContinuous() ? shown : shown.clone();
+  }
+
+  /// Sends packets first..last of a frame, each lost with a probability.
+  void send(const Packets& packets, std::size_t first, std::size_t last, double lost, std::uint32_t delay_ns,
+            const sockaddr_in& to, std::mt19937& random) const {
+    constexpr std::size_t batch = 64;
+    std::array<mmsghdr, batch> messages{};
+    std::array<std::array<iovec, 2>, batch> parts{};
+    std::array<std::array<std::uint8_t, header_size + 36>, batch> headers{};
+    sockaddr_in address = to;
+    std::bernoulli_distribution loses(lost);
+    const std::size_t bytes = packets.pixels.total() * packets.pixels.elemSize();
+    std::size_t filled = 0;
+    const auto flush = [&] {
+      for (std::size_t done = 0; done < filled;) {
+        const int count = ::sendmmsg(stream_.handle(), &messages[done], static_cast<unsigned>(filled - done), 0);
+        if (count <= 0) break;  // nobody listens there any more: the packets are lost, as on a wire
+        done += static_cast<std::size_t>(count);
+      }
+      filled = 0;
+    };
+    for (std::size_t index = first; index <= last; ++index) {
+      if (loses(random)) continue;
+      auto& header = headers[filled];
+      header.fill(0);
+      put16(&header[2], packets.id);
+      put32(&header[4], static_cast<std::uint32_t>(index));
+      std::size_t header_bytes = header_size;
+      parts[filled][1] = {nullptr, 0};
+      if (index == 0) {
+        header[4] = 1;          // leader
+        put16(&header[10], 1);  // an image
+        put64(&header[12], static_cast<std::uint64_t>(packets.time.count()));
+        put32(&header[20], packets.format);
+        put32(&header[24], static_cast<std::uint32_t>(packets.agreed.width));
+        put32(&header[28], static_cast<std::uint32_t>(packets.agreed.height));
+        put32(&header[32], static_cast<std::uint32_t>(packets.offset.x));
+        put32(&header[36], static_cast<std::uint32_t>(packets.offset.y));
+        header_bytes += 36;
+      } else if (index == packets.blocks + 1) {
+        header[4] = 2;  // trailer
+        put16(&header[10], 1);
+        put32(&header[12], static_cast<std::uint32_t>(packets.agreed.height));
+        header_bytes += 8;
+      } else {
+        header[4] = 3;  // payload
+        const std::size_t begin = (index - 1) * packets.block;
+        parts[filled][1] = {packets.pixels.data + begin, std::min(packets.block, bytes - begin)};
+      }
+      parts[filled][0] = {header.data(), header_bytes};
+      messages[filled].msg_hdr = {};
+      messages[filled].msg_hdr.msg_name = &address;
+      messages[filled].msg_hdr.msg_namelen = sizeof address;
+      messages[filled].msg_hdr.msg_iov = parts[filled].data();
+      messages[filled].msg_hdr.msg_iovlen = parts[filled][1].iov_len > 0 ? 2 : 1;
+      ++filled;
+      if (filled == batch || delay_ns > 0) flush();
+      if (delay_ns > 0) std::this_thread::sleep_for(nanoseconds(delay_ns));
+    }
+    flush();
+  }
+
+  /// The client misses packets. The lock is held; what is sent again may be lost again.
+  void resend(const std::uint8_t* content) {
+    const std::uint32_t id = get16(content + 2);
+    const std::size_t first = get32(content + 4) & 0xffffff;
+    const std::size_t last = get32(content + 8) & 0xffffff;
+    if (!streaming()) return;
+    for (const Packets& packets : recent_) {
+      if (packets.id != id || first > last || first > packets.blocks + 1) continue;
+      const std::size_t end = std::min(last, packets.blocks + 1);
+      sent_again_ += end - first + 1;
+      send(packets, first, end, faults_.lost_packets, 0, destination(), random_again_);
     }
   }
 
   const GigeServerSettings settings_;
-  ArvGvFakeCamera* server_ = nullptr;
-  ArvFakeCamera* camera_ = nullptr;  ///< owned by server_
-  std::mutex stop_mutex_;
+  const LoopbackAddress address_;
+  const Socket control_;
+  const Socket stream_;
 
   mutable std::mutex mutex_;  ///< guards what follows
+  std::condition_variable changed_;
+  Memory memory_;
+  std::optional<sockaddr_in> controller_;
+  steady_clock::time_point controller_seen_{};
   ServedFrame newest_;
-  bool fresh_ = false;  ///< newest_ was not sent yet
+  bool fresh_ = false;    ///< newest_ was not sent yet
+  bool trigger_ = false;  ///< a client asked for the next frame
   steady_clock::time_point due_{};
-  ServedSettings client_;
-  std::optional<steady_clock::time_point> last_turn_;
   std::uint64_t sent_ = 0;
-  double lost_ratio_ = 0.0;
-  bool silent_ = false;
+  std::uint64_t sent_again_ = 0;
+  GigeFaults faults_;
+  std::optional<nanoseconds> last_time_;
+  cv::Mat1b frozen_;
+  std::deque<Packets> recent_;
+  bool stopped_ = false;
+  std::mt19937 random_again_{2};  ///< of the thread that controls
+
+  std::mt19937 random_{1};  ///< of the thread that sends
+
+  std::thread controlling_;
+  std::thread sending_;
 };
 
 GigeServer::GigeServer(const GigeServerSettings& settings)
@@ -353,8 +678,22 @@ GigeServer::~GigeServer() = default;
 void GigeServer::publish(const ServedFrame& frame) { implementation_->publish(frame); }
 ServedSettings GigeServer::client() const { return implementation_->client(); }
 std::uint64_t GigeServer::sent() const { return implementation_->sent(); }
-void GigeServer::lose_packets(double ratio) { implementation_->lose_packets(ratio); }
-void GigeServer::silence(bool on) { implementation_->silence(on); }
+std::uint64_t GigeServer::sent_again() const { return implementation_->sent_again(); }
+void GigeServer::faults(const GigeFaults& faults) { implementation_->faults(faults); }
+GigeFaults GigeServer::faults() const { return implementation_->faults(); }
+void GigeServer::lose_packets(double ratio) {
+  GigeFaults changed = faults();
+  changed.lost_packets = ratio;
+  faults(changed);
+}
+void GigeServer::silence(bool on) {
+  GigeFaults changed = faults();
+  changed.silent = on;
+  faults(changed);
+}
+bool GigeServer::send_to_stream(const void* bytes, std::size_t size) {
+  return implementation_->send_to_stream(bytes, size);
+}
 void GigeServer::stop() { implementation_->stop(); }
 
 }  // namespace tagdock

@@ -1,5 +1,7 @@
 #include "app/simulation/live_world.h"
 
+#include <cmath>
+
 namespace tagdock {
 namespace {
 
@@ -8,9 +10,7 @@ using std::chrono::nanoseconds;
 // The camera's clock began at another time than the session: nothing may take the one for the other.
 constexpr nanoseconds camera_clock_ahead = std::chrono::seconds(1000);
 
-GigeServerSettings server_settings(const World& world, const std::string& address) {
-  GigeServerSettings settings;
-  settings.address = address;
+GigeServerSettings server_settings(const World& world, GigeServerSettings settings) {
   settings.width = world.rig().camera.width;
   settings.height = world.rig().camera.height;
   settings.exposure_us = 1e6 * world.scenario().camera.exposure;
@@ -21,11 +21,12 @@ GigeServerSettings server_settings(const World& world, const std::string& addres
 }  // namespace
 
 LiveWorld::LiveWorld(std::shared_ptr<SharedWorld> world, const SimulationFaults& faults,
-                     std::chrono::steady_clock::time_point session_start, const std::string& address)
+                     std::chrono::steady_clock::time_point session_start, const GigeServerSettings& served)
     : world_(std::move(world)),
       faults_(faults),
       session_start_(session_start),
-      server_(server_settings(world_->world, address)),
+      first_exposure_us_(1e6 * world_->world.scenario().camera.exposure),
+      server_(server_settings(world_->world, served)),
       exposing_([this] { expose(); }),
       sending_([this] { put_on_the_wire(); }) {}
 
@@ -67,6 +68,12 @@ void LiveWorld::expose() {
       lost = world.is_lost(taken);
       renderer = &world.renderer();
     }
+    // What a client changes while it streams brightens or darkens the picture, as it does on a sensor; the motion in it
+    // stays that of the exposure at the beginning.
+    const ServedSettings client = server_.client();
+    const double changed = client.exposure_us * std::pow(10.0, client.gain / 20.0) / first_exposure_us_;
+    constexpr double rounding = 0.01;
+    if (std::abs(changed - 1.0) > rounding) exposure.exposure.light *= changed;
     const std::uint64_t number = taken++;
     if (!lost) {
       ServedFrame frame{renderer->render(exposure.exposure, exposure.noise_seed).gray, number,

@@ -19,12 +19,16 @@ namespace tagdock {
 /// that frames arrive as late as the scenario says, however long rendering takes.
 class LiveWorld {
  public:
+  /// @param served  address, serial number and abilities of the camera; its sensor and its rate are the world's
   /// Throws Failure(camera) when the address is taken.
   LiveWorld(std::shared_ptr<SharedWorld> world, const SimulationFaults& faults,
-            std::chrono::steady_clock::time_point session_start, const std::string& address);
+            std::chrono::steady_clock::time_point session_start, const GigeServerSettings& served);
   ~LiveWorld();
   LiveWorld(const LiveWorld&) = delete;
   LiveWorld& operator=(const LiveWorld&) = delete;
+
+  /// The camera, for its faults and its figures.
+  [[nodiscard]] GigeServer& server() { return server_; }
 
  private:
   struct Pending {
@@ -39,6 +43,7 @@ class LiveWorld {
   std::shared_ptr<SharedWorld> world_;
   SimulationFaults faults_;
   std::chrono::steady_clock::time_point session_start_;
+  double first_exposure_us_;
   GigeServer server_;
   std::mutex mutex_;
   std::condition_variable changed_;

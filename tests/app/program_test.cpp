@@ -212,3 +212,81 @@ TEST_CASE("the doctor finds nothing at fault with the defaults, and names what i
   CHECK(sick.code == 1);
   CHECK_THAT(sick.out, Contains("FAULT") && Contains("dock.yaml:1:") && Contains("exposure_us"));
 }
+
+TEST_CASE("a recording without a docking is replayed, exported, and read again from each format") {
+  const Scratch scratch;
+  const Run made =
+      run(scratch, "record " + scratch.path("walk") + " --camera sim --robot sim --frames 12 --compress --json");
+  INFO(made.err);
+  REQUIRE(made.code == 0);
+  const int frames = nlohmann::json::parse(made.out)["frames"];
+  CHECK(frames >= 11);  // the recorder may have dropped one on a busy machine
+  CHECK_THAT(contents(scratch.folder / "walk" / "session.yaml"), Contains("identity: \"tagdock Simulated"));
+  const Run seen = run(scratch, "replay " + scratch.path("walk") + " --json");
+  REQUIRE(seen.code == 0);
+  CHECK(nlohmann::json::parse(seen.out)["sightings"] == frames);
+  CHECK(run(scratch, "replay " + scratch.path("walk") + " --compare").code == 2);
+  const Run exported = run(scratch, "export " + scratch.path("walk") + " --euroc " + scratch.path("euroc") + " --tum " +
+                                        scratch.path("tum") + " --mp4 " + scratch.path("walk.mp4") + " --mcap " +
+                                        scratch.path("walk.mcap"));
+  INFO(exported.err);
+  REQUIRE(exported.code == 0);
+  const std::string count = std::to_string(frames) + " frames of ";
+  CHECK_THAT(exported.out, Contains(count));
+  for (const char* kind : {"euroc", "tum", "walk.mp4"}) {
+    const Run again =
+        run(scratch, std::string("export ") + scratch.path(kind) + " --mcap " + scratch.path("again.mcap"));
+    INFO(again.err);
+    CHECK(again.code == 0);
+    CHECK_THAT(again.out, Contains(count));
+  }
+  const std::string rig = " --rig data/rigs/default.yaml --board data/boards/default.yaml";
+  const Run euroc = run(scratch, "replay " + scratch.path("euroc") + rig + " --output " + scratch.path("found"));
+  CHECK(euroc.code == 0);
+  const std::string found = contents(scratch.folder / "found" / "sightings.csv");
+  CHECK(std::count(found.begin(), found.end(), '\n') == frames + 1);
+
+  CHECK(run(scratch, "export " + scratch.path("walk")).code == 2);  // to what?
+  CHECK(run(scratch, "export " + scratch.path("nowhere") + " --mcap " + scratch.path("x.mcap")).code == 2);
+  CHECK(run(scratch, "export " + scratch.path("walk") + " --euroc " + scratch.path("euroc")).code == 2);  // not empty
+  CHECK(run(scratch, "export " + scratch.path("walk") + " --from 100 --tum " + scratch.path("t")).code == 2);
+}
+
+TEST_CASE("replay goes to a place, one frame at a time, and tells what a changed calibration would have made") {
+  const Scratch scratch;
+  const std::string config =
+      scratch.write("dock.yaml", few_frames + "simulation: {faults: {odometry_nan_at_s: 6.0}}\n");
+  REQUIRE(run(scratch, "dock --config " + config + " --speedup 0 --seed 3 --record " + scratch.path("session")).code ==
+          5);
+  CHECK(run(scratch, "replay " + scratch.path("session") + " --compare --to 3").code == 0);
+  const Run stepped = run(scratch, "replay " + scratch.path("session") + " --from 2 --step --json");
+  CHECK(std::count(stepped.err.begin(), stepped.err.end(), '[') == 1);  // without a person, the first step is the last
+  // A camera with a focal length 2 % longer sees the station 2 % farther: 60 to 80 mm at 3 to 4 m.
+  const std::string camera = scratch.write(
+      "camera.yaml",
+      "image_width: 1280\nimage_height: 1024\ncamera_name: longer\ncamera_matrix: {rows: 3, cols: 3, data: [1253.8, 0, "
+      "639.5, 0, "
+      "1253.8, 511.5, 0, 0, 1]}\ndistortion_model: plumb_bob\ndistortion_coefficients: {rows: 1, cols: 5, "
+      "data: [0, 0, 0, 0, 0]}\n");
+  const Run changed = run(scratch, "replay " + scratch.path("session") + " --json --camera " + camera);
+  INFO(changed.err);
+  REQUIRE(changed.code == 0);
+  const auto difference = nlohmann::json::parse(changed.out)["difference"];
+  CHECK(difference["seen_by_both"].get<int>() > 20);
+  CHECK(difference["shift_mm"]["median"].get<double>() > 40.0);
+  CHECK(difference["shift_mm"]["median"].get<double>() < 150.0);
+  CHECK(difference["commands_different"].get<int>() > 0);
+}
+
+TEST_CASE("the simulated camera refuses what it cannot do", "[quick]") {
+  const Scratch scratch;
+  CHECK(run(scratch, "camera-sim nowhere").code == 2);
+  CHECK(run(scratch, "camera-sim world --address 192.0.2.1").code == 2);
+  const Run wrong = run(scratch, "camera-sim world --fault \"5 loose 0.1\"");
+  CHECK(wrong.code == 2);
+  CHECK_THAT(wrong.err, Contains("loose") && Contains("lose SHARE"));
+  CHECK(run(scratch, "camera-sim world --rate 0").code == 2);
+  const Run short_one = run(scratch, "camera-sim world --address 127.0.0.9 --seconds 0.3");
+  CHECK(short_one.code == 0);
+  CHECK_THAT(short_one.out, Contains("127.0.0.9"));
+}

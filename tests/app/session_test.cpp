@@ -1,5 +1,7 @@
 #include "app/session.h"
 
+#include <atomic>
+#include <thread>
 #include <unistd.h>
 
 #include <catch2/catch.hpp>
@@ -97,10 +99,73 @@ TEST_CASE("a session cut by a crash opens with all whole records, and says what 
   std::filesystem::resize_file(scratch.folder / "cam0" / "data" / "I000003.pgm", 700);
   const Session session = read_session(scratch.folder);
   CHECK(session.odometry.size() == 1);
-  REQUIRE(session.frames.size() == 4);
+  REQUIRE(session.frames.size() == 3);
   CHECK_NOTHROW(read_frame(session.frames[2]));
-  CHECK_THROWS_AS(read_frame(session.frames[3]), Failure);
+  CHECK(session.remarks.size() == 3);  // the line cut short, the frame missing, the frame cut short
+}
+
+TEST_CASE("a frame whose line was never written is taken from what it says of itself, PGM and PNG") {
+  const bool compress = GENERATE(false, true);
+  const Scratch scratch("session_adopt");
+  {
+    SessionRecorder recorder(scratch.folder, "format: 1\n", "", true, {compress, {}});
+    for (std::uint64_t number = 1; number <= 4; ++number) recorder.frame(frame(number));
+  }
+  // Killed between the frame and its line: the last line is gone, or half of it.
+  const std::filesystem::path csv = scratch.folder / "cam0" / "data.csv";
+  std::filesystem::resize_file(csv, std::filesystem::file_size(csv) - 30);
+  const Session session = read_session(scratch.folder);
+  REQUIRE(session.frames.size() == 4);
+  CHECK(session.frames[3].number == 4);
+  CHECK(session.frames[3].time == std::chrono::milliseconds(160));
+  CHECK(cv::norm(read_frame(session.frames[3]).gray, frame(4).frame.gray, cv::NORM_INF) == 0.0);
   CHECK(session.remarks.size() == 2);
+}
+
+TEST_CASE("compressed frames are the same pixels in fewer bytes") {
+  const Scratch scratch("session_compressed");
+  {
+    SessionRecorder recorder(scratch.folder, "format: 1\n", "", true, {true, {}});
+    recorder.frame(frame(7));
+  }
+  const Session session = read_session(scratch.folder);
+  REQUIRE(session.frames.size() == 1);
+  CHECK(session.frames[0].file.filename() == "I000000.png");
+  CHECK(std::filesystem::file_size(session.frames[0].file) < 48 * 64);
+  CHECK(cv::norm(read_frame(session.frames[0]).gray, frame(7).frame.gray, cv::NORM_INF) == 0.0);
+}
+
+TEST_CASE("a recording does not begin on a full disk, and ends with a warning when the disk fills") {
+  const Scratch scratch("session_full");
+  std::atomic<std::uintmax_t> left{1'999'000'000};
+  const RecorderOptions options{false, [&] { return left.load(); }};
+  CHECK_THROWS_AS(SessionRecorder(scratch.folder, "", "", true, options), Failure);
+  std::filesystem::remove_all(scratch.folder);
+  left = 2'000'000'000;
+  SessionRecorder recorder(scratch.folder, "", "", true, options);
+  recorder.frame(frame(1));
+  left = 499'000'000;
+  std::uint64_t number = 2;
+  const auto deadline = std::chrono::steady_clock::now() + std::chrono::seconds(20);
+  for (; recorder.health().warning.empty() && std::chrono::steady_clock::now() < deadline; ++number) {
+    recorder.frame(frame(number));
+    std::this_thread::sleep_for(std::chrono::milliseconds(5));
+  }
+  CHECK_THAT(recorder.health().warning, Contains("less than 500 MB"));
+  recorder.frame(frame(number));  // goes nowhere, and nobody waits for it
+  recorder.finish();
+  CHECK(read_session(scratch.folder).frames.size() == recorder.health().frames_written);
+}
+
+TEST_CASE("a disk that refuses to be written ends the recording with a sentence, and nothing else") {
+  const Scratch scratch("session_refused");
+  SessionRecorder recorder(scratch.folder, "", "", true);
+  recorder.frame(frame(1));
+  while (recorder.health().frames_written == 0) std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  std::filesystem::remove_all(scratch.folder / "cam0" / "data");
+  recorder.frame(frame(2));
+  recorder.finish();
+  CHECK_THAT(recorder.health().warning, Contains("cannot write I000001.pgm") && Contains("the docking goes on"));
 }
 
 TEST_CASE("a live recorder drops frames and counts them instead of waiting for the disk") {

@@ -48,6 +48,7 @@ void streaming(benchmark::State& state) {
   });
   GigeSettings settings;
   settings.address = "127.0.0.1";
+  settings.client_program = {TAGDOCK_PROGRAM, "camera-client"};
   const auto opening = steady_clock::now();
   const auto camera = open_gige(settings, start);
   const double open_ms = std::chrono::duration<double, std::milli>(steady_clock::now() - opening).count();
