@@ -58,6 +58,30 @@ void visit(Fields& fields, DockingConfig& docking) {
     inner.number("y_m", docking.dock_pose.y, -20.0, 20.0);
     inner.degrees("yaw_deg", docking.dock_pose.yaw, -180.0, 180.0);
   });
+  std::string errand = docking.errand == Errand::dock ? "dock" : "undock";
+  fields.word("errand", errand, {"dock", "undock"});
+  docking.errand = errand == "dock" ? Errand::dock : Errand::undock;
+  fields.group("taught", [&](Fields& inner) {
+    inner.flag("measured", docking.dock_pose_taught);
+    Eigen::Vector3d sigma = docking.dock_pose_covariance.diagonal().cwiseSqrt();
+    inner.number("sigma_x_m", sigma.x(), 0.0, 1.0);
+    inner.number("sigma_y_m", sigma.y(), 0.0, 1.0);
+    inner.degrees("sigma_yaw_deg", sigma.z(), 0.0, 45.0);
+    if (sigma != docking.dock_pose_covariance.diagonal().cwiseSqrt())
+      docking.dock_pose_covariance = sigma.cwiseAbs2().asDiagonal();
+    bool hang = docking.taught_hang.has_value();
+    inner.flag("board_checked", hang);
+    BoardHang taught = docking.taught_hang.value_or(BoardHang{});
+    inner.number("camera_height_m", taught.camera_height, -10.0, 10.0);
+    inner.degrees("roll_deg", taught.roll, -45.0, 45.0);
+    inner.degrees("pitch_deg", taught.pitch, -45.0, 45.0);
+    if (hang)
+      docking.taught_hang = taught;
+    else
+      docking.taught_hang.reset();
+    inner.number("most_height_change_m", docking.hang_limits.height, 0.0, 1.0);
+    inner.degrees("most_tilt_change_deg", docking.hang_limits.tilt, 0.0, 45.0);
+  });
   fields.number("board_width_m", docking.board_width, 0.02, 5.0);
   fields.group("filter", [&](Fields& inner) {
     PoseFilterConfig& filter = docking.filter;
@@ -129,7 +153,10 @@ void visit(Fields& fields, DockingConfig& docking) {
   fields.group("retry", [&](Fields& inner) {
     inner.integer("retries", docking.back_off.retries, 0, 10);
     inner.number("camera_distance_m", docking.back_off.camera_distance, 0.3, 10.0);
+    inner.flag("safe_pose", docking.back_off.safe_pose);
   });
+  fields.group("undock",
+               [&](Fields& inner) { inner.number("camera_distance_m", docking.undock.camera_distance, 0.3, 10.0); });
 }
 
 void visit(Fields& fields, Config& config) {

@@ -86,6 +86,15 @@ std::shared_ptr<SharedWorld> make_world(const Config& config, std::uint64_t seed
   // The simulated sensor obeys the settings, as a real one would.
   scenario.camera.frame_rate = config.camera.frame_rate;
   scenario.camera.exposure = 1e-6 * config.camera.exposure_us;
+  if (config.docking.errand == Errand::undock) {
+    const Pose2& dock = config.docking.dock_pose;
+    StartScenario& start = scenario.start;
+    start = {};
+    start.range = std::hypot(dock.x, dock.y);
+    start.bearing = std::atan2(-dock.y, -dock.x);
+    start.heading = dock.yaw - start.bearing;
+    start.range_sigma = start.bearing_sigma = start.bearing_spread = start.heading_sigma = start.heading_spread = 0.0;
+  }
   Board board = config.board;
   if (config.simulation.faults.no_board) board.tags.clear();
   return std::make_shared<SharedWorld>(scenario, config.rig, board, seed);

@@ -17,6 +17,7 @@
 #include "app/docking_report.h"
 #include "app/failure.h"
 #include "app/fields.h"
+#include "app/operator_input.h"
 #include "app/phase_picture.h"
 #include "app/recording.h"
 #include "app/rig_file.h"
@@ -31,6 +32,8 @@ namespace {
 using std::chrono::nanoseconds;
 
 struct DockOptions {
+  Errand errand = Errand::dock;
+  bool operator_words = false;
   std::string config;
   std::string camera;
   std::string robot;
@@ -75,6 +78,7 @@ Config configuration(const DockOptions& options) {
   if (!options.robot.empty()) config.robot = options.robot;
   if (!options.dock_pose.empty()) config.docking.dock_pose = parse_dock_pose(options.dock_pose);
   if (!options.scenario.empty()) config.simulation.scenario = options.scenario;
+  if (options.errand == Errand::undock) config.docking.errand = Errand::undock;
   if (!options.method.empty()) {
     const auto method = corner_method(options.method);
     if (!method)
@@ -175,7 +179,10 @@ class Docking {
     const StopSignal stop_signal;
     const StopAtEnd stop_at_end(*devices_.robot);
     const nanoseconds begin = devices_.clock->now();
-    talk_.event(begin, "docking: camera " + devices_.camera_name + ", robot " + config_.robot);
+    OperatorInput person(options_.operator_words);
+    if (!options_.json && !person.hint().empty()) talk_.event(begin, person.hint());
+    talk_.event(begin, (config_.docking.errand == Errand::dock ? "docking: camera " : "undocking: camera ") +
+                           devices_.camera_name + ", robot " + config_.robot);
     for (const std::string& note : devices_.notes) talk_.event(begin, "camera: " + note);
     report.phases.push_back({std::string(name(loop_.docker().phase())), begin, begin});
     bool over = false;
@@ -194,6 +201,7 @@ class Docking {
       if (inputs.camera == CameraState::lost)
         inputs.camera_sentence = health.reason.empty() ? "the camera is " + health.state : health.reason;
       if (camera_frame) inputs.frame = camera_frame->frame;
+      inputs.request = person.next();
       if (stop_signal.requested()) {
         inputs.request = Request::stop;
         report.interrupted = true;
@@ -415,10 +423,10 @@ int dock(const DockOptions& options) {
 
 }  // namespace
 
-void add_dock(CLI::App& program, Action& action) {
-  auto options = std::make_shared<DockOptions>();
-  CLI::App* verb = program.add_subcommand(
-      "dock", "Docks the robot. Without any option: a simulated robot, seen through a GigE Vision stream on loopback.");
+namespace {
+
+// What docking and undocking have in common.
+void add_options_of_both(CLI::App* verb, const std::shared_ptr<DockOptions>& options) {
   verb->add_option("--config", options->config, "configuration (YAML); unknown keys are refused");
   verb->add_option("--camera", options->camera, "sim, gige:127.x.y.z, gige:SERIAL or images:DIR");
   verb->add_option("--robot", options->robot, "sim or none");
@@ -438,13 +446,39 @@ void add_dock(CLI::App& program, Action& action) {
                    "simulation: frames in-process, this many times faster than real; 0 as fast as it can");
   verb->add_option("--report", options->report, "write what the docking came to, as JSON");
   verb->add_option("--picture", options->picture, "write the docking at a glance, as SVG");
+  verb->add_flag("--operator", options->operator_words,
+                 "without a terminal: read the words pause, resume, cancel, stop, one a line, from standard input");
+  verb->add_flag("--view", options->view, "window with the live image, the tags and the target");
+  verb->add_flag("--json", options->json, "the report on stdout instead of words");
+}
+
+}  // namespace
+
+void add_undock(CLI::App& program, Action& action) {
+  auto options = std::make_shared<DockOptions>();
+  options->errand = Errand::undock;
+  CLI::App* verb = program.add_subcommand(
+      "undock", "Drives a docked robot straight back, out of the station. Refuses where the robot is not docked.");
+  add_options_of_both(verb, options);
+  verb->footer(
+      "How far: docking.undock.camera_distance_m of the configuration (2.2 m before the board). The simulated robot\n"
+      "starts at the dock.\n"
+      "Exit codes: 0 undocked, 1 not undocked (also: was not docked), 2 usage or configuration, 3 camera,\n"
+      "4 tag never seen, 5 robot link, 6 stopped, 130 interrupted.");
+  verb->callback([options, &action] { action = [options] { return dock(*options); }; });
+}
+
+void add_dock(CLI::App& program, Action& action) {
+  auto options = std::make_shared<DockOptions>();
+  CLI::App* verb = program.add_subcommand(
+      "dock", "Docks the robot. Without any option: a simulated robot, seen through a GigE Vision stream on loopback.");
+  add_options_of_both(verb, options);
   verb->add_option("--write-config", options->write_config,
                    "write every key of the configuration that would be used, as YAML (- is stdout), and do not dock");
   verb->add_option("--phases", options->phases,
                    "draw the phases of a docking and the ways between them (SVG; - for stdout), and dock nothing");
-  verb->add_flag("--view", options->view, "window with the live image, the tags and the target");
-  verb->add_flag("--json", options->json, "the report on stdout instead of words");
   verb->footer(
+      "While it runs at a terminal: p pauses, r resumes, c cancels, space stops.\n"
       "Examples:\n  tagdock dock --seed 1\n  tagdock dock --speedup 0 --record docking1 --report docking1.json\n"
       "Exit codes: 0 docked, 1 not docked, 2 usage or configuration, 3 camera, 4 tag never seen, 5 robot link,\n"
       "6 stopped, 130 interrupted.");

@@ -37,7 +37,8 @@ double quantile(std::vector<double> values, double p) {
 
 ExitCode exit_code(const DockingReport& report) {
   if (report.interrupted) return ExitCode::interrupted;
-  if (std::holds_alternative<Docked>(report.last)) return ExitCode::done;
+  if (std::holds_alternative<Docked>(report.last) || std::holds_alternative<Undocked>(report.last))
+    return ExitCode::done;
   const std::optional<Reason> reason = reason_of(report.last);
   if (!reason) return ExitCode::internal;
   switch (reason->cause) {

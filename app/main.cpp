@@ -16,6 +16,7 @@ int main(int argc, char** argv) {
   if (argc == 2 && std::string(argv[1]) == gige_client_word) return serve_gige_client(gige_client_socket);
   Action action;
   add_dock(program, action);
+  add_undock(program, action);
   add_replay(program, action);
   add_detect(program, action);
   add_plan(program, action);

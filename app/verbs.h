@@ -13,6 +13,7 @@ using Action = std::function<int()>;
 void add_plan(CLI::App& program, Action& action);
 void add_detect(CLI::App& program, Action& action);
 void add_dock(CLI::App& program, Action& action);
+void add_undock(CLI::App& program, Action& action);
 void add_replay(CLI::App& program, Action& action);
 void add_evaluate(CLI::App& program, Action& action);
 void add_doctor(CLI::App& program, Action& action);
