@@ -18,11 +18,13 @@
 #include "app/config.h"
 #include "app/failure.h"
 #include "app/image_file.h"
+#include "app/ros2_options.h"
 #include "app/session.h"
 #include "app/simulation/fault_script.h"
 #include "app/simulation/gige_server.h"
 #include "app/simulation/live_world.h"
 #include "app/simulation/scenario.h"
+#include "app/simulation/told_place.h"
 #include "app/stop_signal.h"
 #include "app/verbs.h"
 
@@ -38,6 +40,11 @@ struct CameraSimOptions {
   double rate = 25.0;
   std::vector<std::string> faults;
   std::string scenario;
+  std::string config;
+  std::string world = "own";
+  std::optional<int> domain;
+  std::string name_space;
+  std::vector<std::string> remaps;
   std::uint64_t seed = 1;
   double seconds = 0.0;
   bool once = false;
@@ -54,18 +61,27 @@ class Show {
 
 class WorldShow final : public Show {
  public:
-  explicit WorldShow(const CameraSimOptions& options)
-      : world_(world(options), SimulationFaults{}, steady_clock::now(), options.served) {}
-  GigeServer& server() override { return world_.server(); }
+  explicit WorldShow(const CameraSimOptions& options) {
+    Config config = options.config.empty() ? Config{} : read_config(options.config);
+    if (options.domain) config.ros2.domain = *options.domain;
+    if (!options.name_space.empty()) config.ros2.name_space = options.name_space;
+    for (const std::string& rule : options.remaps) remap(config.ros2, rule);
+    const std::string file = options.scenario.empty() ? config.simulation.scenario : options.scenario;
+    Scenario scenario = file.empty() ? Scenario{} : read_scenario(file);
+    scenario.camera.frame_rate = options.rate;
+    const auto start = steady_clock::now();
+    auto world = std::make_shared<SharedWorld>(scenario, config.rig, config.board, options.seed);
+    if (options.world == "dds") {
+      place_ = std::make_unique<ToldPlace>(world, config.ros2, start);
+      place_->wait(std::chrono::duration_cast<nanoseconds>(std::chrono::duration<double>(config.ros2.wait_s)));
+    }
+    world_ = std::make_unique<LiveWorld>(world, SimulationFaults{}, start, options.served);
+  }
+  GigeServer& server() override { return world_->server(); }
 
  private:
-  static std::shared_ptr<SharedWorld> world(const CameraSimOptions& options) {
-    Scenario scenario = options.scenario.empty() ? Scenario{} : read_scenario(options.scenario);
-    scenario.camera.frame_rate = options.rate;
-    const Config config;
-    return std::make_shared<SharedWorld>(scenario, config.rig, config.board, options.seed);
-  }
-  LiveWorld world_;
+  std::unique_ptr<ToldPlace> place_;
+  std::unique_ptr<LiveWorld> world_;  // goes first
 };
 
 /// One picture of a folder or a session.
@@ -264,6 +280,12 @@ void add_camera_sim(CLI::App& program, Action& action) {
   verb->add_option("--fault", options->faults, "\"[AFTER_S] COMMAND\", see below; may be given several times")
       ->allow_extra_args(false);
   verb->add_option("--scenario", options->scenario, "world: scenario file (YAML, see data/scenarios)");
+  verb->add_option("--config", options->config, "world: configuration (YAML) with the rig and the board");
+  verb->add_option("--world", options->world,
+                   "own, or dds: the robot is where robot-sim says that it is, on the topic ground_truth")
+      ->check(CLI::IsMember({"own", "dds"}))
+      ->capture_default_str();
+  add_ros2_options(*verb, options->domain, options->name_space, options->remaps);
   verb->add_option("--seed", options->seed, "world and malformed datagrams: seed")->capture_default_str();
   verb->add_option("--seconds", options->seconds, "end after this time; 0 never")->capture_default_str();
   verb->add_flag("--json", options->json, "status as JSON");
@@ -271,7 +293,7 @@ void add_camera_sim(CLI::App& program, Action& action) {
                "Examples:\n  tagdock camera-sim world --fault \"5 lose 0.001\" --fault \"20 die\"\n"
                "  tagdock camera-sim photos --address 127.0.0.2 --rate 10\n"
                "  arv-tool-0.8 -a 127.0.0.1 control Width Height ExposureTime\n"
-               "Exit codes: 0 done, 2 usage, 3 another camera has the address.");
+               "Exit codes: 0 done, 2 usage, 3 another camera has the address, 5 nobody says where the robot is.");
   verb->callback([options, &action] { action = [options] { return camera_sim(*options); }; });
 }
 

@@ -39,6 +39,33 @@ void visit(Fields& fields, CameraConfig& camera) {
   fields.number("latency_ms", camera.latency_ms, 0.0, 1000.0);
 }
 
+void visit(Fields& fields, Ros2Config& ros2) {
+  fields.integer("domain", ros2.domain, -1, 101);
+  fields.word("namespace", ros2.name_space, {});
+  fields.word("interface", ros2.interface, {});
+  fields.word("peers", ros2.peers, {});
+  fields.word("cmd_vel_type", ros2.cmd_vel_type, {"auto", "Twist", "TwistStamped"});
+  fields.number("wait_s", ros2.wait_s, 0.1, 600.0);
+  fields.group("frames", [&](Fields& inner) {
+    inner.word("odom", ros2.odom_frame, {});
+    inner.word("base", ros2.base_frame, {});
+    inner.word("camera", ros2.camera_frame, {});
+  });
+  fields.group("topics", [&](Fields& inner) {
+    Ros2Topics& topics = ros2.topics;
+    inner.word("cmd_vel", topics.cmd_vel, {});
+    inner.word("odom", topics.odom, {});
+    inner.word("obstacle_stop", topics.obstacle_stop, {});
+    inner.word("obstacle_slow", topics.obstacle_slow, {});
+    inner.word("detected_dock_pose", topics.detected_dock_pose, {});
+    inner.word("detections", topics.detections, {});
+    inner.word("docking_path", topics.path, {});
+    inner.word("docking_status", topics.status, {});
+    inner.word("diagnostics", topics.diagnostics, {});
+    inner.word("ground_truth", topics.ground_truth, {});
+  });
+}
+
 void visit(Fields& fields, TagLocatorConfig& locator) {
   std::string method(word(locator.method));
   fields.word("method", method, {"apriltag", "tanh", "filter", "erf", "best"});
@@ -163,7 +190,8 @@ void visit(Fields& fields, Config& config) {
   int version = 1;
   fields.integer("version", version, 1, 1);
   fields.group("camera", [&](Fields& inner) { visit(inner, config.camera); });
-  fields.word("robot", config.robot, {"sim", "none"});
+  fields.word("robot", config.robot, {"sim", "ros2", "none"});
+  fields.group("ros2", [&](Fields& inner) { visit(inner, config.ros2); });
   fields.group("rig", [&](Fields& inner) { visit(inner, config.rig); });
   fields.group("board", [&](Fields& inner) { visit(inner, config.board); });
   fields.group("detection", [&](Fields& inner) { visit(inner, config.locator); });

@@ -3,6 +3,7 @@
 #include <filesystem>
 #include <string>
 
+#include "app/robots/ros2.h"
 #include "app/simulation/faults.h"
 #include "app/yaml_file.h"
 #include "calibration/rig.h"
@@ -35,7 +36,8 @@ struct SimulationConfig {
 /// Everything a docking needs to know, read and checked once and then const. The defaults dock the simulated robot.
 struct Config {
   CameraConfig camera;
-  std::string robot = "sim";  ///< sim or none
+  std::string robot = "sim";  ///< sim, ros2 or none
+  Ros2Config ros2;            ///< where the robot is, for ros2
   Rig rig = default_rig();
   Board board = default_board(0.35);
   TagLocatorConfig locator;

@@ -6,6 +6,8 @@
 #include "app/cameras/in_process.h"
 #include "app/cameras/open_camera.h"
 #include "app/failure.h"
+#include "app/robots/docking_topics.h"
+#include "app/robots/ros2.h"
 #include "app/robots/simulated.h"
 #include "app/simulation/live_world.h"
 
@@ -108,6 +110,7 @@ Devices open_devices(const Config& config, const DeviceOptions& options) {
   if (options.speedup && !(simulated_camera && config.robot == "sim"))
     throw Failure(ExitCode::usage, "--speedup is for simulations only; a real camera or robot sets its own time");
   Devices devices;
+  devices.robot_name = config.robot;
   devices.camera_model = config.rig.camera;
   std::shared_ptr<SharedWorld> world;
   if (simulated_camera || config.robot == "sim") world = make_world(config, options.seed);
@@ -152,6 +155,14 @@ Devices open_devices(const Config& config, const DeviceOptions& options) {
       world->world.advance(now());
       return world->world.T_station_camera_point();
     };
+  } else if (config.robot == "ros2") {
+    Ros2Robot ros2 = open_ros2(config.ros2, config.docking.gate.odometry, start);
+    devices.robot_name = ros2.health().name;
+    devices.tell_others = [topics = std::make_shared<DockingTopics>(ros2, config.ros2, config.board.family)](
+                              const auto& inputs, const auto& outputs, const auto& docker, const auto& camera) {
+      topics->cycle(inputs, outputs, docker, camera);
+    };
+    devices.robot = std::move(ros2.robot);
   } else {
     devices.robot = standing_robot(now);
   }

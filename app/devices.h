@@ -10,6 +10,7 @@
 
 #include "app/camera.h"
 #include "app/config.h"
+#include "app/docking_loop.h"
 #include "planning/pose2.h"
 #include "servo/robot.h"
 
@@ -31,7 +32,11 @@ struct Devices {
   /// Simulated only: camera point and heading in the station frame, for the report and never for the docking.
   std::function<Pose2()> true_camera_point;
   std::string camera_name;         ///< for people: what was opened
+  std::string robot_name;          ///< the same
   std::vector<std::string> notes;  ///< sentences for a person: what the camera does differently from what was asked
+  /// Tells others what the docking does, after every cycle; empty where nobody listens.
+  std::function<void(const DockingLoop::Inputs&, const DockingLoop::Outputs&, const Docker&, const CameraHealth&)>
+      tell_others;
   /// The camera model that belongs to the frames as they come: the rig's, or a part of it or a coarser one where the
   /// receive buffer did not allow whole frames.
   CameraModel camera_model;

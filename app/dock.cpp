@@ -8,6 +8,7 @@
 #include <memory>
 #include <sstream>
 #include <unistd.h>
+#include <vector>
 
 #include "app/auto_exposure.h"
 #include "app/config.h"
@@ -21,6 +22,7 @@
 #include "app/phase_picture.h"
 #include "app/recording.h"
 #include "app/rig_file.h"
+#include "app/ros2_options.h"
 #include "app/session.h"
 #include "app/stop_signal.h"
 #include "app/verbs.h"
@@ -37,6 +39,9 @@ struct DockOptions {
   std::string config;
   std::string camera;
   std::string robot;
+  std::optional<int> domain;
+  std::string name_space;
+  std::vector<std::string> remaps;
   std::string rig;
   std::string board;
   std::string dock_pose;
@@ -76,6 +81,9 @@ Config configuration(const DockOptions& options) {
   if (!options.board.empty()) config.board = read_board(options.board);
   if (!options.camera.empty()) config.camera.source = options.camera;
   if (!options.robot.empty()) config.robot = options.robot;
+  if (options.domain) config.ros2.domain = *options.domain;
+  if (!options.name_space.empty()) config.ros2.name_space = options.name_space;
+  for (const std::string& rule : options.remaps) remap(config.ros2, rule);
   if (!options.dock_pose.empty()) config.docking.dock_pose = parse_dock_pose(options.dock_pose);
   if (!options.scenario.empty()) config.simulation.scenario = options.scenario;
   if (options.errand == Errand::undock) config.docking.errand = Errand::undock;
@@ -182,7 +190,7 @@ class Docking {
     OperatorInput person(options_.operator_words);
     if (!options_.json && !person.hint().empty()) talk_.event(begin, person.hint());
     talk_.event(begin, (config_.docking.errand == Errand::dock ? "docking: camera " : "undocking: camera ") +
-                           devices_.camera_name + ", robot " + config_.robot);
+                           devices_.camera_name + ", robot " + devices_.robot_name);
     for (const std::string& note : devices_.notes) talk_.event(begin, "camera: " + note);
     report.phases.push_back({std::string(name(loop_.docker().phase())), begin, begin});
     bool over = false;
@@ -193,7 +201,7 @@ class Docking {
         inputs.odometry = devices_.robot->read();
       } catch (const std::runtime_error& error) {
         inputs.robot_linked = false;
-        talk_.event(devices_.clock->now(), std::string("robot: ") + error.what());
+        inputs.robot_sentence = error.what();
       }
       const CameraHealth health = devices_.camera->health();
       inputs.now = devices_.clock->now();
@@ -201,7 +209,9 @@ class Docking {
       if (inputs.camera == CameraState::lost)
         inputs.camera_sentence = health.reason.empty() ? "the camera is " + health.state : health.reason;
       if (camera_frame) inputs.frame = camera_frame->frame;
+      const Request by_robot = asked_by_robot(inputs.now);
       inputs.request = person.next();
+      if (inputs.request == Request::none) inputs.request = by_robot;
       if (stop_signal.requested()) {
         inputs.request = Request::stop;
         report.interrupted = true;
@@ -210,6 +220,7 @@ class Docking {
       if (inputs.robot_linked) devices_.robot->drive(outputs.docking.command);
 
       if (camera_frame) watch_exposure(*camera_frame, outputs);
+      if (devices_.tell_others) devices_.tell_others(inputs, outputs, loop_.docker(), health);
       record(outputs, camera_frame);
       tell(inputs, outputs, report);
       if (camera_frame) {
@@ -302,6 +313,15 @@ class Docking {
     }
   }
 
+  // An obstacle pauses the docking, its end lets it go on.
+  Request asked_by_robot(nanoseconds now) {
+    const bool hold = devices_.robot->wants_hold();
+    if (hold == held_by_robot_) return Request::none;
+    held_by_robot_ = hold;
+    talk_.event(now, hold ? "robot: something is in the way; waiting" : "robot: the way is free again");
+    return hold ? Request::pause : Request::resume;
+  }
+
   void record(const DockingLoop::Outputs& outputs, const std::optional<CameraFrame>& frame) {
     if (!recorder_) return;
     if (frame) recorder_->frame(*frame);
@@ -359,6 +379,7 @@ class Docking {
   double largest_blur_px_ = 0.0;
   double blurred_exposure_us_ = 0.0;
   DockingStory story_;
+  bool held_by_robot_ = false;
 };
 
 void write_file(const std::string& file, const std::string& text, const std::string& option) {
@@ -429,7 +450,8 @@ namespace {
 void add_options_of_both(CLI::App* verb, const std::shared_ptr<DockOptions>& options) {
   verb->add_option("--config", options->config, "configuration (YAML); unknown keys are refused");
   verb->add_option("--camera", options->camera, "sim, gige:127.x.y.z, gige:SERIAL or images:DIR");
-  verb->add_option("--robot", options->robot, "sim or none");
+  verb->add_option("--robot", options->robot, "sim, ros2 or none");
+  add_ros2_options(*verb, options->domain, options->name_space, options->remaps);
   verb->add_option("--rig", options->rig, "rig file: camera, T_base_cam, odometry; overrides the configuration's");
   verb->add_option("--board", options->board, "board file: family and tags; overrides the configuration's");
   verb->add_option("--dock-pose", options->dock_pose,

@@ -50,6 +50,7 @@ DockingLoop::Outputs DockingLoop::cycle(const Inputs& inputs) {
   tick.camera = inputs.camera;
   tick.camera_sentence = one_field(inputs.camera_sentence);
   tick.robot_linked = inputs.robot_linked;
+  tick.robot_sentence = one_field(inputs.robot_sentence);
   tick.request = inputs.request;
   if (inputs.frame) {
     outputs.sighting = locator_.locate(*inputs.frame, docker_.predicted_view(inputs.frame->time));
@@ -72,6 +73,7 @@ DockingLoop::Outputs DockingLoop::cycle(const Inputs& inputs) {
   record.request = word_of(inputs.request);
   record.robot_linked = inputs.robot_linked;
   record.camera_sentence = tick.camera_sentence;
+  record.robot_sentence = tick.robot_sentence;
   outputs.command_line = line(record);
   if (outputs.docking.phase_changed) {
     std::string why;
@@ -89,6 +91,7 @@ DockingLoop::Inputs inputs_of(const TickRecord& tick, std::vector<Odometry> odom
   inputs.camera = tick.camera == "ok" ? CameraState::streaming : CameraState::lost;
   inputs.camera_sentence = tick.camera_sentence;
   inputs.robot_linked = tick.robot_linked;
+  inputs.robot_sentence = tick.robot_sentence;
   for (const RequestWord& known : request_words)
     if (tick.request == known.word) inputs.request = known.request;
   return inputs;

@@ -26,6 +26,7 @@ class DockingLoop {
     CameraState camera = CameraState::streaming;
     std::string camera_sentence;  ///< why it is lost
     bool robot_linked = true;
+    std::string robot_sentence;  ///< why it is not
     Request request = Request::none;
   };
   struct Outputs {

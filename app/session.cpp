@@ -19,6 +19,9 @@
 namespace tagdock {
 namespace {
 
+// In the column `robot`: linked, broken, or broken with the reason after a colon.
+constexpr std::string_view robot_broken = "broken";
+
 constexpr std::uintmax_t free_at_start = 2'000'000'000;  // HOUSE.md: a recording does not start with less
 constexpr std::uintmax_t free_at_end = 500'000'000;      // and ends here
 constexpr std::size_t longest_queue = 30;                // frames: one second, 39 MB at 1280x1024
@@ -86,6 +89,8 @@ bool parse(const std::string& text, TickRecord& tick) {
   tick.camera = fields[6];
   tick.request = fields[7];
   tick.robot_linked = fields[8] == "linked";
+  if (fields[8].starts_with(robot_broken) && fields[8].size() > robot_broken.size() + 2)
+    tick.robot_sentence = fields[8].substr(robot_broken.size() + 2);
   tick.camera_sentence = fields[9];
   return true;
 }
@@ -212,7 +217,10 @@ std::string line(const TickRecord& tick) {
   return std::to_string(tick.time.count()) + "," + number(tick.command.linear) + "," + number(tick.command.angular) +
          "," + tick.phase + "," + (tick.frame ? std::to_string(*tick.frame) : "") + "," +
          std::to_string(tick.odometry_read) + "," + tick.camera + "," + tick.request +
-         (tick.robot_linked ? ",linked," : ",broken,") + tick.camera_sentence;
+         (tick.robot_linked ? ",linked,"
+                            : "," + std::string(robot_broken) +
+                                  (tick.robot_sentence.empty() ? "" : ": " + tick.robot_sentence) + ",") +
+         tick.camera_sentence;
 }
 
 std::string line(const Odometry& odometry) {

@@ -37,6 +37,7 @@ struct TickRecord {
   std::string request = "none";        ///< what the operator asked
   bool robot_linked = true;
   std::string camera_sentence;  ///< why the camera is lost, without commas
+  std::string robot_sentence;   ///< why the robot is not linked, without commas
 
   bool operator==(const TickRecord&) const = default;
 };

@@ -42,7 +42,9 @@ std::optional<Reason> Docker::take_odometry(const Tick& tick) {
     odometry_ = reading;
     odometry_arrived_ = tick.now;
   }
-  if (!tick.robot_linked) return Reason{Cause::robot_link, "the link to the robot is broken"};
+  if (!tick.robot_linked)
+    return Reason{Cause::robot_link,
+                  tick.robot_sentence.empty() ? "the link to the robot is broken" : tick.robot_sentence};
   if (!odometry_) {
     if (tick.now - *started_ <= limits.first_reading) return std::nullopt;
     return Reason{Cause::robot_link, "the robot sent no odometry; is it switched on and its address right?"};

@@ -24,6 +24,7 @@ struct Tick {
   CameraState camera = CameraState::streaming;
   std::string camera_sentence;  ///< why it is lost, for a person
   bool robot_linked = true;     ///< false: the link is known to be broken
+  std::string robot_sentence;   ///< why it is broken, for a person
   Request request = Request::none;
 };
 

@@ -1,5 +1,6 @@
 #include "app/simulation/world.h"
 
+#include <algorithm>
 #include <cmath>
 #include <stdexcept>
 
@@ -10,8 +11,9 @@ namespace {
 
 using std::chrono::nanoseconds;
 
-constexpr nanoseconds kept = std::chrono::seconds(2);         // of history
-constexpr nanoseconds ahead = std::chrono::milliseconds(20);  // of the world, at most
+constexpr nanoseconds kept = std::chrono::seconds(2);                 // of history
+constexpr nanoseconds ahead = std::chrono::milliseconds(20);          // of the world, at most
+constexpr nanoseconds longest_guess = std::chrono::milliseconds(50);  // beyond the last place that was told
 
 // Purposes of random numbers; RobotPhysics has 1, 2 and 4.
 constexpr std::uint64_t rig_purpose = 11;
@@ -104,23 +106,35 @@ World::World(const Scenario& scenario, const Rig& calibrated, const Board& surve
 }
 
 void World::advance(nanoseconds now) {
+  if (placed_) return;
   while (physics_.truth().time + RobotPhysics::step <= now) {
     physics_.advance(physics_.truth().time + RobotPhysics::step);
-    const RobotTruth& truth = physics_.truth();
-    history_.push_back({truth.time, truth.T_station_base});
-    while (history_.front().time + kept < truth.time) history_.pop_front();
-    if (!light_changed_ && -T_station_camera_point().x < scenario_.station.light_change_range)
-      light_changed_ = truth.time;
+    remember(physics_.truth().time, physics_.truth().T_station_base);
   }
 }
 
+void World::place(nanoseconds time, const Pose2& T_station_base) {
+  if (!placed_) history_.clear();
+  placed_ = true;
+  if (history_.empty() || time > history_.back().time) remember(time, T_station_base);
+}
+
+void World::remember(nanoseconds time, const Pose2& T_station_base) {
+  history_.push_back({time, T_station_base});
+  while (history_.front().time + kept < time) history_.pop_front();
+  if (!light_changed_ && -T_station_camera_point().x < scenario_.station.light_change_range) light_changed_ = time;
+}
+
 Pose2 World::T_station_base_at(nanoseconds time) const {
-  if (time < history_.front().time - RobotPhysics::step || time > history_.back().time + ahead)
+  if (!placed_ && (time < history_.front().time - RobotPhysics::step || time > history_.back().time + ahead))
     throw std::invalid_argument("the world was asked for an image of a time it does not know");
   if (history_.size() == 1 || time <= history_.front().time) return history_.front().T_station_base;
+  // Who tells the robot's place may be late, and when silent the robot stands.
+  if (placed_) time = std::min(time, history_.back().time + longest_guess);
   // The step that holds the time; the last one goes on when the time is ahead.
-  const auto steps = static_cast<std::size_t>((time - history_.front().time) / RobotPhysics::step);
-  const std::size_t index = std::min(steps, history_.size() - 2);
+  const auto after = std::upper_bound(history_.begin(), history_.end(), time,
+                                      [](nanoseconds value, const Moment& moment) { return value < moment.time; });
+  const std::size_t index = std::min(static_cast<std::size_t>(after - history_.begin()) - 1, history_.size() - 2);
   const Moment& from = history_[index];
   const Moment& to = history_[index + 1];
   const double share =
@@ -177,7 +191,7 @@ bool World::is_lost(std::uint64_t frame) const {
 
 Pose2 World::T_station_camera_point() const {
   const Eigen::Vector3d lens = rig_.T_base_camera.translation();
-  return physics_.truth().T_station_base * Pose2{lens.x(), lens.y(), 0.0};
+  return history_.back().T_station_base * Pose2{lens.x(), lens.y(), 0.0};
 }
 
 Pose2 World::docking_error(const Pose2& docking_pose) const {

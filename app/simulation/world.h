@@ -41,6 +41,11 @@ class World {
   /// Lets time pass; the plant moves in steps of 5 ms.
   void advance(std::chrono::nanoseconds now);
 
+  /// Takes the robot's true place from another process that simulates it: from the first one on the plant in here
+  /// stands still, and images are made where the robot was told to be, or would be by now. Older places than the newest
+  /// are ignored.
+  void place(std::chrono::nanoseconds time, const Pose2& T_station_base);
+
   [[nodiscard]] std::chrono::nanoseconds now() const { return physics_.truth().time; }
   /// As the robot's encoders tell it; new every 5 ms of session time.
   [[nodiscard]] Odometry odometry() const { return physics_.odometry(); }
@@ -79,6 +84,7 @@ class World {
   };
 
   [[nodiscard]] Pose2 T_station_base_at(std::chrono::nanoseconds time) const;
+  void remember(std::chrono::nanoseconds time, const Pose2& T_station_base);
 
   Scenario scenario_;
   std::uint64_t seed_;
@@ -89,6 +95,7 @@ class World {
   mutable std::unique_ptr<const Renderer>
       renderer_;  ///< made for the first image: a campaign without images needs none
   std::deque<Moment> history_;
+  bool placed_ = false;  ///< from outside
   std::optional<std::chrono::nanoseconds> light_changed_;
 };
 

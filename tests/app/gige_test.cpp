@@ -398,7 +398,7 @@ TEST_CASE("each state of a camera is visible, from absent to streaming, lost and
   std::unique_ptr<GigeServer> server;
   std::unique_ptr<Producer> producer;
   std::thread late([&] {
-    std::this_thread::sleep_for(700ms);
+    std::this_thread::sleep_for(1200ms);  // longer than the client takes to start, shorter than it waits
     server = std::make_unique<GigeServer>(served);
     producer = std::make_unique<Producer>(*server, served, start, 25.0);
   });
