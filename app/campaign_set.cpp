@@ -26,6 +26,13 @@ std::vector<std::string> member_names(const std::filesystem::path& folder) {
   return names;
 }
 
+// Dirt on a tag that a board does not have is nowhere: the paper's board has the middle tag alone.
+RunSettings without_dirt_elsewhere(RunSettings settings) {
+  std::erase_if(settings.scenario.station.dirt,
+                [&](const Dirt& dirt) { return find_tag(settings.config.board, dirt.tag) == nullptr; });
+  return settings;
+}
+
 std::string stem(const std::string& file) { return std::filesystem::path(file).stem().string(); }
 
 }  // namespace
@@ -50,7 +57,8 @@ std::vector<SetMember> scenario_set(const SetWish& wish) {
         std::string name = scenario.name + "-" + strategy;
         if (rigs.size() > 1) name += "-" + stem(rig);
         const bool only_images = !wish.common.images && one.images;
-        members.push_back({name, settings_of(one), only_images ? std::min(wish.runs, wish.image_runs) : wish.runs});
+        members.push_back({name, without_dirt_elsewhere(settings_of(one)),
+                           only_images ? std::min(wish.runs, wish.image_runs) : wish.runs});
       }
       // The straight way, open loop, once more with the servo's board: tells apart what path, board and loop give.
       if (paper && scenario.name == "straight_start" && one.board.empty()) {

@@ -199,6 +199,15 @@ int evaluate_tracked(const TrackedOptions& options) {
               (fit.station_fitted ? " (fitted)" : " (given)") +
               "\nbase to tracker's body: " + words(fit.frames.T_base_body) +
               (fit.body_fitted ? " (fitted)" : " (given)") + "\n" + line;
+  constexpr double unsure = 0.005;  // m
+  if (fit.body_sigma > unsure) {
+    std::snprintf(
+        line, sizeof line,
+        "The body's place is known to %.0f mm only, since the robot hardly turned: give --body, or sessions that "
+        "turn more.\n",
+        1e3 * fit.body_sigma);
+    campaign += line;
+  }
   if (fit.station_fitted || fit.body_fitted)
     campaign +=
         "What is fitted comes from the robot's own estimates: their constant errors do not show here, only the "

@@ -228,6 +228,7 @@ TrackerFit fit_frames(const std::vector<TrackedWay>& ways, const std::optional<P
                                                         inverse(pairs.front().T_station_base * frames.T_base_body));
   // A milliradian weighs as much as a millimetre.
   constexpr double small = 1e-6;
+  Eigen::Matrix<double, 6, 6> last_information = Eigen::Matrix<double, 6, 6>::Identity();
   for (int step = 0; step < 30; ++step) {
     Eigen::Matrix<double, 6, 6> information = Eigen::Matrix<double, 6, 6>::Zero();
     Eigen::Matrix<double, 6, 1> gradient = Eigen::Matrix<double, 6, 1>::Zero();
@@ -254,6 +255,7 @@ TrackerFit fit_frames(const std::vector<TrackedWay>& ways, const std::optional<P
       gradient[i] = 0.0;
     }
     information.diagonal().array() += 1e-9;
+    last_information = information;
     const Eigen::Matrix<double, 6, 1> change = -information.ldlt().solve(gradient);
     frames.T_tracker_station = plus(frames.T_tracker_station, change.head<3>());
     frames.T_base_body = plus(frames.T_base_body, change.tail<3>());
@@ -263,6 +265,13 @@ TrackerFit fit_frames(const std::vector<TrackedWay>& ways, const std::optional<P
   for (const Pair& pair : pairs)
     squares += misfit(frames, pair.T_station_base, pair.T_tracker_body).cwiseAbs2() / static_cast<double>(pairs.size());
   fit.rms = {std::sqrt(squares.x()), std::sqrt(squares.y()), std::sqrt(squares.z())};
+  if (fit.body_fitted) {
+    const Eigen::Matrix<double, 6, 6> covariance =
+        last_information.ldlt().solve(Eigen::Matrix<double, 6, 6>::Identity());
+    // Neighbouring readings share their errors: as if one of a hundred counted.
+    constexpr double alike = 100.0;
+    fit.body_sigma = std::sqrt(alike * squares.sum() * std::max(covariance(3, 3), covariance(4, 4)));
+  }
   return fit;
 }
 

@@ -48,6 +48,9 @@ struct TrackerFit {
   bool station_fitted = false, body_fitted = false;
   Pose2 rms;  ///< of tracker against estimates over the way: m, m, rad
   int readings = 0;
+  /// Of the fitted body's place, as far as the scatter tells [m]; large where the robot hardly turned, since then body
+  /// and station cannot be told apart. 0 if it was given.
+  double body_sigma = 0.0;
 };
 
 /// The frames that explain a way best; those that are known stay as given. What is fitted to the robot's own estimates
