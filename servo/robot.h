@@ -33,7 +33,8 @@ class Robot {
   /// Zero velocity now; never throws.
   virtual void stop() noexcept = 0;
 
-  /// Whether something at the robot asks it to wait (an obstacle, a protective field): the docking pauses while it does.
+  /// Whether something at the robot asks it to wait (an obstacle, a protective field): the docking pauses while it
+  /// does.
   [[nodiscard]] virtual bool wants_hold() const { return false; }
 };
 
