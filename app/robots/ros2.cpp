@@ -220,6 +220,7 @@ class TopicRobot final : public Robot {
   }
 
   void take(const ros2::OdometryMessage& message, nanoseconds arrival) {
+    if (!fault_.empty()) return;  // what comes after a fault is not driven on
     const auto read = reader_.read(message, arrival);
     if (const Refused* refused = std::get_if<Refused>(&read)) return latch(refused->sentence);
     if (arrived_ && armed_) health_.largest_gap = std::max(health_.largest_gap, arrival - *arrived_);

@@ -8,6 +8,7 @@
 #include <cstdlib>
 #include <cstring>
 #include <dds/dds.h>
+#include <dds/ddsrt/log.h>
 #include <map>
 #include <mutex>
 #include <net/if.h>
@@ -72,6 +73,12 @@ std::string configuration(const LinkConfig& config) {
          // A process that died is forgotten after two seconds, so that its writer does not count as a second one.
          "</Peers><LeaseDuration>2 s</LeaseDuration></Discovery>"
          "<Tracing><Verbosity>none</Verbosity></Tracing></Domain>";
+}
+
+// Cyclone writes a line to stderr for every payload that is none: whoever sends many would fill the terminal and the
+// log. What went wrong on our side comes back as a return value.
+void keep_quiet() {
+  dds_set_log_sink([](void*, const dds_log_data_t*) {}, nullptr);
 }
 
 bool plain_address(const std::string& text) {
@@ -142,6 +149,7 @@ struct Link::Core {
     for (const std::string& peer : config.peers)
       if (!plain_address(peer))
         throw Failure(ExitCode::usage, "ros2.peers has \"" + peer + "\"; it must be an address such as 192.168.1.7");
+    keep_quiet();
     const auto id = static_cast<dds_domainid_t>(config.domain);
     domain = dds_create_domain(id, configuration(config).c_str());
     // A second link of this process shares the first one's domain.
