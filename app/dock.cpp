@@ -13,6 +13,7 @@
 #include "app/auto_exposure.h"
 #include "app/config.h"
 #include "app/devices.h"
+#include "app/dock_database.h"
 #include "app/docking_loop.h"
 #include "app/docking_picture.h"
 #include "app/docking_report.h"
@@ -42,6 +43,8 @@ struct DockOptions {
   std::optional<int> domain;
   std::string name_space;
   std::vector<std::string> remaps;
+  std::string docks;
+  std::string dock_name;
   std::string rig;
   std::string board;
   std::string dock_pose;
@@ -77,6 +80,13 @@ Pose2 parse_dock_pose(const std::string& text) {
 // What was asked, as one configuration that is exactly what a recording will hold.
 Config configuration(const DockOptions& options) {
   Config config = options.config.empty() ? Config{} : read_config(options.config);
+  if (options.docks.empty() != options.dock_name.empty())
+    throw Failure(ExitCode::usage, "--dock NAME and --docks FILE belong together");
+  if (!options.docks.empty()) {
+    const DockEntry dock = find_dock(read_docks(options.docks), options.dock_name);
+    if (!dock.board.empty()) config.board = read_board(std::filesystem::path(options.docks).parent_path() / dock.board);
+    if (dock.dock_pose) config.docking.dock_pose = *dock.dock_pose;
+  }
   if (!options.rig.empty()) config.rig = read_rig(options.rig);
   if (!options.board.empty()) config.board = read_board(options.board);
   if (!options.camera.empty()) config.camera.source = options.camera;
@@ -209,9 +219,7 @@ class Docking {
       if (inputs.camera == CameraState::lost)
         inputs.camera_sentence = health.reason.empty() ? "the camera is " + health.state : health.reason;
       if (camera_frame) inputs.frame = camera_frame->frame;
-      const Request by_robot = asked_by_robot(inputs.now);
-      inputs.request = person.next();
-      if (inputs.request == Request::none) inputs.request = by_robot;
+      inputs.request = asked(person.next(), inputs.now);
       if (stop_signal.requested()) {
         inputs.request = Request::stop;
         report.interrupted = true;
@@ -313,13 +321,20 @@ class Docking {
     }
   }
 
-  // An obstacle pauses the docking, its end lets it go on.
-  Request asked_by_robot(nanoseconds now) {
+  // The robot and the person can both make the docking wait; it goes on when neither wants it to. What a person paused
+  // only a person lets go on.
+  Request asked(Request by_person, nanoseconds now) {
+    if (by_person == Request::pause) person_waits_ = true;
+    if (by_person == Request::resume) person_waits_ = false;
     const bool hold = devices_.robot->wants_hold();
-    if (hold == held_by_robot_) return Request::none;
-    held_by_robot_ = hold;
-    talk_.event(now, hold ? "robot: something is in the way; waiting" : "robot: the way is free again");
-    return hold ? Request::pause : Request::resume;
+    if (hold != robot_waits_)
+      talk_.event(now, hold ? "robot: something is in the way; waiting" : "robot: the way is free again");
+    robot_waits_ = hold;
+    if (by_person == Request::cancel || by_person == Request::stop) return by_person;
+    const bool paused = std::holds_alternative<Paused>(loop_.docker().phase());
+    const bool wait = robot_waits_ || person_waits_;
+    if (wait == paused) return Request::none;
+    return wait ? Request::pause : Request::resume;
   }
 
   void record(const DockingLoop::Outputs& outputs, const std::optional<CameraFrame>& frame) {
@@ -379,7 +394,8 @@ class Docking {
   double largest_blur_px_ = 0.0;
   double blurred_exposure_us_ = 0.0;
   DockingStory story_;
-  bool held_by_robot_ = false;
+  bool person_waits_ = false;
+  bool robot_waits_ = false;
 };
 
 void write_file(const std::string& file, const std::string& text, const std::string& option) {
@@ -454,6 +470,9 @@ void add_options_of_both(CLI::App* verb, const std::shared_ptr<DockOptions>& opt
   add_ros2_options(*verb, options->domain, options->name_space, options->remaps);
   verb->add_option("--rig", options->rig, "rig file: camera, T_base_cam, odometry; overrides the configuration's");
   verb->add_option("--board", options->board, "board file: family and tags; overrides the configuration's");
+  verb->add_option("--docks", options->docks, "docks that are known (tagdock docks import); with --dock");
+  verb->add_option("--dock", options->dock_name,
+                   "name of the dock in --docks: its board and its docking pose are used");
   verb->add_option("--dock-pose", options->dock_pose,
                    "X,Y,YAW_DEG of the camera point in the station frame, X negative: before the wall");
   verb->add_option("--scenario", options->scenario, "simulation: the world (YAML, see data/scenarios)");

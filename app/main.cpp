@@ -22,6 +22,7 @@ int main(int argc, char** argv) {
   add_plan(program, action);
   add_evaluate(program, action);
   add_calibrate(program, action);
+  add_docks(program, action);
   add_robot_sim(program, action);
   add_doctor(program, action);
   add_record(program, action);

@@ -121,6 +121,8 @@ class RobotServer {
   void run(steady_clock::time_point start) {
     const StopSignal stop_signal;
     if (!options_.camera.empty())
+      (void)world_->world.renderer();  // takes its time; the robot must not stand still for it
+    if (!options_.camera.empty())
       camera_ = std::make_unique<LiveWorld>(world_, SimulationFaults{}, start, served_at(options_.camera));
     // Wall clock at the start of the session: stamps never step back, whatever happens to the wall clock later.
     wall_start_ = std::chrono::system_clock::now().time_since_epoch() - (steady_clock::now() - start);
@@ -136,6 +138,8 @@ class RobotServer {
         take_commands(steady_clock::now() - start);
       }
       const nanoseconds now = steady_clock::now() - start;
+      largest_step_ = std::max(largest_step_, now - stepped_);
+      stepped_ = now;
       if (options_.seconds > 0.0 && std::chrono::duration<double>(now).count() > options_.seconds) break;
       publish(now);
     }
@@ -154,7 +158,8 @@ class RobotServer {
         {"commands", taken_},
         {"refused", refused_},
         {"timeouts", timeouts_},
-        {"odometry", published_}};
+        {"odometry", published_},
+        {"largest_step_ms", static_cast<double>(largest_step_.count()) / 1e6}};
     out << (options_.json ? json.dump() : json.dump(2)) << std::endl;
   }
 
@@ -261,6 +266,8 @@ class RobotServer {
   std::ofstream log_;
   nanoseconds wall_start_{0};
   nanoseconds next_odometry_{0};
+  nanoseconds stepped_{0};
+  nanoseconds largest_step_{0};  ///< between two steps that should be 5 ms apart: how the machine stalled
   Twist2 last_;
   std::optional<nanoseconds> last_time_;
   std::optional<Pose2> reset_;

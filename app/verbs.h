@@ -16,6 +16,7 @@ void add_dock(CLI::App& program, Action& action);
 void add_undock(CLI::App& program, Action& action);
 void add_replay(CLI::App& program, Action& action);
 void add_evaluate(CLI::App& program, Action& action);
+void add_docks(CLI::App& program, Action& action);
 void add_robot_sim(CLI::App& program, Action& action);
 void add_doctor(CLI::App& program, Action& action);
 void add_calibrate(CLI::App& program, Action& action);

@@ -237,13 +237,21 @@ class TopicRobot final : public Robot {
   }
 
   void watch(nanoseconds time) {
+    // When this machine stalled, what the robot sent meanwhile is still on its way to us: it gets two periods to come
+    // in before the robot is called silent. Zero does not wait for that.
+    if (time - watched_ > 3 * watch_period) settled_ = time + 2 * watch_period;
+    watched_ = time;
     if (!armed_) return;
     // Seen at the latest one period later, and then zero still leaves in time.
     if (arrived_ && time - *arrived_ > limits_.max_silence - 2 * watch_period) {
       char text[96];
       std::snprintf(text, sizeof text, "the robot has been silent on %s for %.0f ms", odom_.c_str(),
                     static_cast<double>((time - *arrived_).count()) / 1e6);
-      latch(text);
+      if (time >= settled_) latch(text);
+      if (last_ != Twist2{}) {
+        last_ = {};
+        commands_.write({});
+      }
     }
     if (driven_ && last_ != Twist2{} && time - *driven_ > command_timeout) {
       last_ = {};
@@ -286,6 +294,8 @@ class TopicRobot final : public Robot {
   double share_ = 1.0;
   std::string fault_;
   nanoseconds repeated_{0};
+  nanoseconds watched_{0};
+  nanoseconds settled_{0};
   RobotLinkHealth health_;
 
   std::atomic<bool> armed_{false};  // a command was sent
