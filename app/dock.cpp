@@ -404,14 +404,9 @@ void write_file(const std::string& file, const std::string& text, const std::str
   if (!stream) throw Failure(ExitCode::usage, option + " " + file + ": cannot be written");
 }
 
-// Frames that come coarser need not be made coarser still to find tags, and in them a side of a tag has too few pixels
-// for a fit of each side alone: at 3.9 m, 25 px a side, only the fit of the whole tag has the certainty that planning
-// asks for.
-void adapt_to_coarse_frames(Config& config, const DockOptions& options, Devices& devices) {
-  config.locator.detector.decimate = std::max(1, config.locator.detector.decimate / devices.binning);
-  if (!options.method.empty() || config.locator.method != CornerMethod::tanh) return;
-  config.locator.method = CornerMethod::best;
-  devices.notes.emplace_back("corners by the method best in these coarser pictures (--method decides otherwise)");
+// Frames that come coarser need not be made coarser still to find tags.
+void adapt_to_coarse_frames(Config& config, int binning) {
+  config.locator.detector.decimate = std::max(1, config.locator.detector.decimate / binning);
 }
 
 int dock(const DockOptions& options) {
@@ -438,7 +433,7 @@ int dock(const DockOptions& options) {
   }
   Devices devices = open_devices(config, {options.seed, options.speedup});
   config.rig.camera = devices.camera_model;
-  if (devices.binning > 1) adapt_to_coarse_frames(config, options, devices);
+  adapt_to_coarse_frames(config, devices.binning);
   const std::string config_text = to_yaml(config);
   config = parse_config(config_text, "(configuration of this docking)");
   Docking docking(options, config, config_text, devices);

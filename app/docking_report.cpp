@@ -117,7 +117,8 @@ std::string summary(const DockingReport& report) {
                   degrees(std::sqrt(fix->covariance(2, 2))), fix->sightings);
     text += "final error, estimated: " + error_words(fix->error) + line + "\n";
   }
-  if (report.true_error) text += "final error, true:      " + error_words(*report.true_error) + "\n";
+  if (report.true_error && !std::holds_alternative<Undocked>(report.last))
+    text += "final error, true:      " + error_words(*report.true_error) + "\n";
   std::snprintf(line, sizeof line, "camera: %llu frames, %llu lost, age %.0f ms (95 %%: %.0f ms)\n",
                 static_cast<unsigned long long>(report.camera.received),
                 static_cast<unsigned long long>(report.camera.lost), quantile(report.frame_ages_ms, 0.5),

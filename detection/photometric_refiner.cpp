@@ -37,6 +37,8 @@ constexpr double heavy_tails = 1.2;
 /// A step whose gain in the cost (chi-square) is less moves nothing by more than a fifth of its sigma; the step after
 /// it would be a square of that.
 constexpr double enough = 0.04;
+/// Fits that only lead to the next one may end this much sooner.
+constexpr double leading = 10.0;
 
 /// Homography from image to tag through four points, last entry 1; none if there is no such.
 std::optional<Eigen::Matrix<double, 8, 1>> homography(const std::array<Vector2, 4>& image,
@@ -148,7 +150,7 @@ class TagFit {
   std::optional<Unrefined> approach(const Corners& coarse, const Eigen::Matrix<double, 8, 1>& start);
   /// A tag that fills a large image has more pixels than its model is exact for: every so many-th row and column do.
   [[nodiscard]] int thinning() const { return std::max(1, static_cast<int>(region_.side_px / 500.0)); }
-  void refit(bool noise_anew);
+  void refit(bool noise_anew, double times_enough = 1.0);
   void ask();
   void forgo();
   void reweigh();
@@ -201,9 +203,12 @@ std::optional<Unrefined> TagFit::approach(const Corners& coarse, const Eigen::Ma
   return std::nullopt;
 }
 
-void TagFit::refit(bool noise_anew) {
+/// @param times_enough  how much coarser it may end; for fits that only lead to the next one
+void TagFit::refit(bool noise_anew, double times_enough) {
   if (noise_anew) noise_ = measure_noise(model_, samples_, region_.side_px);
-  fit_ = fit_appearance(model_, samples_, free_, max_iterations_, enough, &noise_);
+  // Where the model does not explain the pixels, steps are measured by the misfit.
+  const double worth = enough * times_enough * std::max(1.0, quality_.chi2_per_pixel);
+  fit_ = fit_appearance(model_, samples_, free_, max_iterations_, worth, &noise_);
   quality_ = quality(samples_, free_.size());
 }
 
@@ -222,7 +227,7 @@ void TagFit::ask() {
       bleed_ = bleed;
       tone_ = tone;
       free_ = free_parameters(bleed, tone);
-      refit(false);
+      refit(false, leading);
       refit(true);
     };
     // Far from the minimum each imitates the other, so both are freed then, and `forgo` takes back the one that was not
@@ -256,9 +261,9 @@ void TagFit::forgo() {
 void TagFit::reweigh() {
   robust_ = true;
   weigh(samples_, region_.pixels.size(), noise_.blur_px, 5.0 * quality_.scale, Weighing::tukey);
-  refit(true);
+  refit(true, leading);
   weigh(samples_, region_.pixels.size(), noise_.blur_px, 4.5 * quality_.spread, Weighing::tukey);
-  refit(true);
+  refit(true, leading);
   forgo();
   ask();
   weigh(samples_, region_.pixels.size(), noise_.blur_px, 4.5 * quality_.spread, Weighing::all_or_nothing);

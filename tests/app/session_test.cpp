@@ -40,7 +40,14 @@ CameraFrame frame(std::uint64_t number) {
 TEST_CASE("what was recorded is read back to the last bit") {
   const Scratch scratch("session");
   const Odometry odometry{std::chrono::nanoseconds(123456789), {0.1, -1.0 / 3.0, 2e-17}, {0.05, -0.3}};
-  TickRecord tick{std::chrono::nanoseconds(20000000), {1.0 / 7.0, -0.0}, "servo", 3, 2, "ok", "none", true, ""};
+  TickRecord tick;
+  tick.time = std::chrono::nanoseconds(20000000);
+  tick.command = {1.0 / 7.0, -0.0};
+  tick.phase = "servo";
+  tick.frame = 3;
+  tick.odometry_read = 2;
+  tick.robot_linked = false;
+  tick.robot_sentence = "the robot is silent for 210 ms";
   {
     SessionRecorder recorder(scratch.folder, "format: 1\n", "sensor_type: camera\n", true);
     for (std::uint64_t number : {1U, 2U, 4U}) recorder.frame(frame(number));
