@@ -18,6 +18,7 @@
 #include "app/config.h"
 #include "app/failure.h"
 #include "app/image_file.h"
+#include "app/priority.h"
 #include "app/ros2_options.h"
 #include "app/session.h"
 #include "app/simulation/fault_script.h"
@@ -72,6 +73,7 @@ class WorldShow final : public Show {
     const auto start = steady_clock::now();
     auto world = std::make_shared<SharedWorld>(scenario, config.rig, config.board, options.seed);
     if (options.world == "dds") {
+      (void)prefer_this_thread();  // a real camera has its own computer, too
       place_ = std::make_unique<ToldPlace>(world, config.ros2, start);
       place_->wait(std::chrono::duration_cast<nanoseconds>(std::chrono::duration<double>(config.ros2.wait_s)));
     }

@@ -15,6 +15,7 @@
 
 #include "app/config.h"
 #include "app/failure.h"
+#include "app/priority.h"
 #include "app/robots/odometry_reader.h"
 #include "app/robots/ros2.h"
 #include "app/ros2_options.h"
@@ -295,6 +296,7 @@ int robot_sim(const RobotSimOptions& options) {
   scenario.camera.exposure = 1e-6 * config.camera.exposure_us;
   if (options.command_timeout_ms > 0.0) scenario.drive.command_timeout = 1e-3 * options.command_timeout_ms;
   auto world = std::make_shared<SharedWorld>(scenario, config.rig, config.board, options.seed);
+  (void)prefer_this_thread();
   RobotServer server(options, config, world);
   server.run(steady_clock::now());
   server.report(std::cout);

@@ -1,6 +1,7 @@
 // A program beside the tests of the ROS 2 link.
 //   ros2_peer drive DOMAIN SPEED [abort|segfault|throw AFTER_S]   drives the robot there until a fault or a signal
 //   ros2_peer echo DOMAIN                                         answers each Twist with an Odometry of the same speed
+//   ros2_peer obstacle DOMAIN AFTER_S HOLD_S                      something is in the way for a while; then it is not
 //   ros2_peer payloads DOMAIN                                     prints messages as JSON fields and as bytes
 //   ros2_peer decode DOMAIN                                       lines "type hex" in, JSON fields out
 #include <chrono>
@@ -65,6 +66,21 @@ int echo(int domain) {
       odometry.write(message);
     }
   }
+}
+
+int obstacle(int domain, double after, double hold) {
+  Ros2Config config;
+  config.domain = domain;
+  Link link(link_config(config, "obstacle"));
+  const auto stop = link.publisher<Bool>("/obstacle_stop");
+  const auto wait = [](double seconds) { std::this_thread::sleep_for(std::chrono::duration<double>(seconds)); };
+  stop.write({false});
+  wait(after);
+  stop.write({true});
+  wait(hold);
+  stop.write({false});
+  wait(1000.0);  // who goes away counts as being in the way
+  return 0;
 }
 
 // ------------------------------------------------------------------------------------------------ fields as JSON
@@ -260,6 +276,8 @@ int main(int argc, char** argv) {
       return drive(std::stoi(words[1]), std::stod(words[2]), words.size() > 3 ? words[3] : "",
                    words.size() > 4 ? std::stod(words[4]) : 1.0);
     if (words.size() == 2 && words[0] == "echo") return echo(std::stoi(words[1]));
+    if (words.size() == 4 && words[0] == "obstacle")
+      return obstacle(std::stoi(words[1]), std::stod(words[2]), std::stod(words[3]));
     if (words.size() == 2 && words[0] == "payloads") return payloads(std::stoi(words[1]));
     if (words.size() == 2 && words[0] == "decode") return decode(std::stoi(words[1]));
   } catch (const std::exception& error) {
