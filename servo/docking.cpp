@@ -658,7 +658,7 @@ std::optional<Step> interrupted(const Active& now, const Inputs& inputs, const D
   }
   if constexpr (!over && !std::is_same_v<Active, Paused>) {
     if (inputs.request == Request::pause) {
-      return Step{Paused{now.job, inputs.now, name(Phase(now))}, {}, "paused by the operator"};
+      return Step{Paused{now.job, inputs.now, name(Phase(now))}, {}, "asked to wait"};
     }
     const Time age = inputs.frame_age ? *inputs.frame_age - inputs.declared_latency : inputs.now - now.since;
     if (age > config.gate.give_up_age) {

@@ -92,18 +92,19 @@ int main(int argc, char** argv) {
   if (robot.line().empty()) return 2;
   std::mt19937 random(7);  // where in the period of 20 ms the cut falls
   std::vector<Cut> cuts;
-  for (int i = 0; i < trials; ++i) {
+  // Some more, since a stall of this machine can stop the robot before its link is cut; those prove nothing.
+  for (int i = 0; i < trials + (trials + 5) / 6; ++i) {
     Process peer({argv[2], "drive", domain, speed});
     if (const std::string line = peer.line(); line != "driving") {
       std::cerr << "trial " << i << ": " << line << "\n";
       return 1;
     }
     std::this_thread::sleep_for(milliseconds(900) + std::chrono::microseconds(random() % 20000));
-    Cut cut{i % 3 == 0 ? "killed" : i % 3 == 1 ? "frozen" : "network down", now(), {}};
-    if (i % 3 == 0) peer.kill();
-    if (i % 3 == 1) peer.signal(SIGSTOP);
-    if (i % 3 == 2) {
-      if (!private_network) continue;
+    const int kind = i % (private_network ? 3 : 2);
+    Cut cut{kind == 0 ? "killed" : kind == 1 ? "frozen" : "network down", now(), {}};
+    if (kind == 0) peer.kill();
+    if (kind == 1) peer.signal(SIGSTOP);
+    if (kind == 2) {
       if (!switch_loopback(false)) return 2;
       std::this_thread::sleep_for(milliseconds(700));
       if (!switch_loopback(true)) return 2;
@@ -121,7 +122,8 @@ int main(int argc, char** argv) {
   std::vector<double> stopped_ms;
   std::vector<double> rested_ms;
   int good = 0;
-  int moving = 0;
+  int judged = 0;
+  int standing = 0;
   for (const Cut& cut : cuts) {
     std::int64_t last_command = cut.time;
     std::int64_t last_motion = cut.time;
@@ -132,19 +134,27 @@ int main(int argc, char** argv) {
       if (moment.command != 0.0) last_command = moment.time;
       if (std::abs(moment.wheels) > resting) last_motion = moment.time;
     }
-    moving += moved;
+    if (judged == trials) break;
+    if (!moved) {
+      ++standing;
+      continue;
+    }
+    ++judged;
     stopped_ms.push_back(static_cast<double>(last_command - cut.time) / 1e6 + 5.0);  // seen every 5 ms
     rested_ms.push_back(static_cast<double>(last_motion - cut.time) / 1e6 + 5.0);
     const bool in_time = stopped_ms.back() < (limit_ms > 0.0 ? limit_ms : 900.0);
     const bool told = std::string(cut.how) != "network down" || cut.said.find("fault:") == 0;
-    good += moved && in_time && told;
-    if (!(moved && in_time && told))
+    good += in_time && told;
+    if (!(in_time && told))
       std::cout << cut.how << ": command gone after " << stopped_ms.back() << " ms; " << cut.said << "\n";
   }
   std::printf(
-      "%d of %zu cuts stopped the robot (%d were driving at %s m/s); the drive was without a command after "
-      "median %.0f, 95 %% %.0f, largest %.0f ms; the wheels stood (below 5 mm/s) after median %.0f, largest %.0f ms\n",
-      good, cuts.size(), moving, speed, quantile(stopped_ms, 0.5), quantile(stopped_ms, 0.95),
-      quantile(stopped_ms, 1.0), quantile(rested_ms, 0.5), quantile(rested_ms, 1.0));
-  return good == static_cast<int>(cuts.size()) && !cuts.empty() ? 0 : 1;
+      "%d of %d cuts stopped the robot, which drove at %s m/s (%d more were not driving any more); the drive was "
+      "without a "
+      "command after median %.0f, 95 %% %.0f, largest %.0f ms; the wheels stood (below 5 mm/s) after median %.0f, "
+      "largest "
+      "%.0f ms\n",
+      good, judged, speed, standing, quantile(stopped_ms, 0.5), quantile(stopped_ms, 0.95), quantile(stopped_ms, 1.0),
+      quantile(rested_ms, 0.5), quantile(rested_ms, 1.0));
+  return good == judged && judged == trials ? 0 : 1;
 }
