@@ -496,37 +496,6 @@ test::Bytes captured(ros2::Link& link, const test::RawParticipant& raw, const ro
   return {taken.front().begin() + 4, taken.front().end()};
 }
 
-// What goes wrong with bytes: single bits, bytes, words of special value, and cut or longer ends.
-void mutate(test::Bytes& bytes, std::mt19937& random) {
-  const std::size_t changes = 1 + random() % 4;
-  for (std::size_t i = 0; i < changes; ++i) {
-    // Three fifths of an odometry message are covariances, which nobody reads: half of the changes go elsewhere.
-    const std::size_t anywhere = random() % bytes.size();
-    const std::size_t at =
-        random() % 2 == 0 ? anywhere : std::min(bytes.size() - 1, anywhere % 2 * 400 + random() % 110);
-    switch (random() % 4) {
-      case 0:
-        bytes[at] ^= static_cast<unsigned char>(1U << (random() % 8));
-        break;
-      case 1:
-        bytes[at] = static_cast<unsigned char>(random());
-        break;
-      case 2: {
-        const std::uint32_t words[] = {0, 1, 0xffffffffU, 0x7fffffffU, 0x80000000U, 0x7ff00000U, 0x7ff80000U, 0x10000U};
-        const std::uint32_t word = words[random() % 8];
-        const std::size_t start = at / 4 * 4;
-        for (std::size_t k = 0; k < 4 && start + k < bytes.size(); ++k)
-          bytes[start + k] = static_cast<unsigned char>(word >> (8 * k));
-        break;
-      }
-      default:
-        std::swap(bytes[at], bytes[random() % bytes.size()]);
-    }
-  }
-  // A few lengths only: each is a writer of its own.
-  if (random() % 16 == 0) bytes.resize(std::max<std::size_t>(4, bytes.size() - 4 * (1 + random() % 6)), 0);
-}
-
 bool can_follow(const Odometry& reading) {
   const Odometry still{reading.time - milliseconds(20), {}, {}};
   return !odometry_fault(still, reading, OdometryLimits{});
@@ -549,7 +518,7 @@ TEST_CASE("of a hundred thousand spoiled odometry payloads none crashes, and non
   int used = 0;
   for (int i = 0; i < payloads; ++i) {
     test::Bytes bytes = good;
-    mutate(bytes, random);
+    test::spoil(bytes, random);
     writer.write(bytes);
     if (i % 50 != 49) continue;
     for (const ros2::OdometryMessage& message : subscription.take()) {
@@ -593,7 +562,7 @@ TEST_CASE("a robot that stands is not moved by ten thousand spoiled payloads on 
   robot.robot->drive({0.0, 0.0});
   for (int i = 0; i < 10000; ++i) {
     test::Bytes bytes = good;
-    mutate(bytes, random);
+    test::spoil(bytes, random);
     odometry.write(bytes);
     const test::Bytes bit{static_cast<unsigned char>(random())};
     (random() % 2 == 0 ? stop : slow).write(bit);

@@ -2,6 +2,7 @@
 //   ros2_peer drive DOMAIN SPEED [abort|segfault|throw AFTER_S]   drives the robot there until a fault or a signal
 //   ros2_peer echo DOMAIN                                         answers each Twist with an Odometry of the same speed
 //   ros2_peer obstacle DOMAIN AFTER_S HOLD_S                      something is in the way for a while; then it is not
+//   ros2_peer spoil DOMAIN COUNT SEED                             sends an old command, spoiled in as many ways
 //   ros2_peer payloads DOMAIN                                     prints messages as JSON fields and as bytes
 //   ros2_peer decode DOMAIN                                       lines "type hex" in, JSON fields out
 #include <chrono>
@@ -80,6 +81,44 @@ int obstacle(int domain, double after, double hold) {
   wait(hold);
   stop.write({false});
   wait(1000.0);  // who goes away counts as being in the way
+  return 0;
+}
+
+template <class Message>
+test::Bytes bytes_of(Link& link, const test::RawParticipant& raw, const std::string& topic, const Message& message) {
+  const auto publisher = link.publisher<Message>(topic);
+  test::RawReader reader(raw, topic, Codec<Message>::descriptor());
+  while (publisher.matched() == 0) std::this_thread::sleep_for(milliseconds(5));
+  publisher.write(message);
+  std::vector<test::Bytes> taken;
+  for (int i = 0; i < 200 && taken.empty(); ++i) {
+    std::this_thread::sleep_for(milliseconds(5));
+    taken = reader.take();
+  }
+  if (taken.empty()) throw std::runtime_error(topic + " did not arrive");
+  return taken.front();
+}
+
+int spoil(int domain, int count, unsigned seed) {
+  Ros2Config config;
+  config.domain = domain;
+  Link link(link_config(config, "spoiler"));
+  const test::RawParticipant raw(domain);
+  TwistStamped command{{{1700000000, 0}, "base_link"}, {}};
+  command.twist.linear.x = 0.2;
+  test::Bytes good = bytes_of(link, raw, "/spoiler", command);
+  good.erase(good.begin(), good.begin() + 4);
+  test::RawWriter writer(raw, "/cmd_vel", Codec<TwistStamped>::descriptor().m_typename);
+  while (writer.matched(good.size()) == 0) std::this_thread::sleep_for(milliseconds(5));
+  std::mt19937 random(seed);
+  for (int i = 0; i < count; ++i) {
+    test::Bytes bytes = good;
+    test::spoil(bytes, random);
+    writer.write(bytes);
+    if (i % 5 == 4) std::this_thread::sleep_for(std::chrono::microseconds(200));  // the robot keeps ten
+  }
+  std::this_thread::sleep_for(milliseconds(500));
+  std::cout << "sent " << count << std::endl;
   return 0;
 }
 
@@ -184,17 +223,8 @@ std::string hex(const test::Bytes& bytes) {
 
 template <class Message>
 void show(Link& link, const test::RawParticipant& raw, const std::string& name, const Message& message) {
-  const auto publisher = link.publisher<Message>("/" + name);
-  test::RawReader reader(raw, "/" + name, Codec<Message>::descriptor());
-  while (publisher.matched() == 0) std::this_thread::sleep_for(milliseconds(5));
-  publisher.write(message);
-  std::vector<test::Bytes> taken;
-  for (int i = 0; i < 200 && taken.empty(); ++i) {
-    std::this_thread::sleep_for(milliseconds(5));
-    taken = reader.take();
-  }
-  if (taken.empty()) throw std::runtime_error(name + " did not arrive");
-  std::cout << json{{"type", type_name<Message>()}, {"cdr", hex(taken.front())}, {"fields", fields(message)}}.dump()
+  const test::Bytes bytes = bytes_of(link, raw, "/" + name, message);
+  std::cout << json{{"type", type_name<Message>()}, {"cdr", hex(bytes)}, {"fields", fields(message)}}.dump()
             << std::endl;
 }
 
@@ -278,6 +308,8 @@ int main(int argc, char** argv) {
     if (words.size() == 2 && words[0] == "echo") return echo(std::stoi(words[1]));
     if (words.size() == 4 && words[0] == "obstacle")
       return obstacle(std::stoi(words[1]), std::stod(words[2]), std::stod(words[3]));
+    if (words.size() == 4 && words[0] == "spoil")
+      return spoil(std::stoi(words[1]), std::stoi(words[2]), static_cast<unsigned>(std::stoul(words[3])));
     if (words.size() == 2 && words[0] == "payloads") return payloads(std::stoi(words[1]));
     if (words.size() == 2 && words[0] == "decode") return decode(std::stoi(words[1]));
   } catch (const std::exception& error) {

@@ -2,11 +2,13 @@
 
 // Raw payloads on ROS 2 topics, past our own codec: bytes as they are on the wire, for tests only.
 
+#include <algorithm>
 #include <cstdint>
 #include <cstring>
 #include <dds/dds.h>
 #include <dds/ddsi/ddsi_serdata.h>
 #include <map>
+#include <random>
 #include <stdexcept>
 #include <string>
 #include <vector>
@@ -129,5 +131,36 @@ class RawReader {
   dds_entity_t topic_ = 0;
   dds_entity_t reader_ = 0;
 };
+
+// What goes wrong with bytes: single bits, bytes, words of special value, and cut or longer ends.
+inline void spoil(Bytes& bytes, std::mt19937& random) {
+  const std::size_t changes = 1 + random() % 4;
+  for (std::size_t i = 0; i < changes; ++i) {
+    // Three fifths of an odometry message are covariances, which nobody reads: half of the changes go elsewhere.
+    const std::size_t anywhere = random() % bytes.size();
+    const std::size_t at =
+        random() % 2 == 0 ? anywhere : std::min(bytes.size() - 1, anywhere % 2 * 400 + random() % 110);
+    switch (random() % 4) {
+      case 0:
+        bytes[at] ^= static_cast<unsigned char>(1U << (random() % 8));
+        break;
+      case 1:
+        bytes[at] = static_cast<unsigned char>(random());
+        break;
+      case 2: {
+        const std::uint32_t words[] = {0, 1, 0xffffffffU, 0x7fffffffU, 0x80000000U, 0x7ff00000U, 0x7ff80000U, 0x10000U};
+        const std::uint32_t word = words[random() % 8];
+        const std::size_t start = at / 4 * 4;
+        for (std::size_t k = 0; k < 4 && start + k < bytes.size(); ++k)
+          bytes[start + k] = static_cast<unsigned char>(word >> (8 * k));
+        break;
+      }
+      default:
+        std::swap(bytes[at], bytes[random() % bytes.size()]);
+    }
+  }
+  // A few lengths only: each is a writer of its own.
+  if (random() % 16 == 0) bytes.resize(std::max<std::size_t>(4, bytes.size() - 4 * (1 + random() % 6)), 0);
+}
 
 }  // namespace tagdock::test
