@@ -35,7 +35,7 @@ struct Pair {
 
 }  // namespace
 
-TEST_CASE("frozen pictures come with new numbers and times") {
+TEST_CASE("frozen pictures come with new numbers and times", "[faults]") {
   Pair pair;
   REQUIRE(pair.fresh());
   pair.fault("freeze on");
@@ -56,7 +56,7 @@ TEST_CASE("frozen pictures come with new numbers and times") {
   CHECK(seen.size() > 1);
 }
 
-TEST_CASE("frames whose time stamps stand still are not used, and the camera is called silent") {
+TEST_CASE("frames whose time stamps stand still are not used, and the camera is called silent", "[faults]") {
   Pair pair;
   REQUIRE(pair.fresh());
   pair.fault("stale on");
@@ -67,7 +67,8 @@ TEST_CASE("frames whose time stamps stand still are not used, and the camera is 
   CHECK(wait_until(3000ms, [&] { return pair.camera->health().state == "streaming" && pair.camera->newest(0ns); }));
 }
 
-TEST_CASE("a jump of the camera's clock leaves the times of frames where they were, after three frames at most") {
+TEST_CASE("a jump of the camera's clock leaves the times of frames where they were, after three frames at most",
+          "[faults]") {
   Pair pair;
   REQUIRE(pair.fresh());
   const std::string jump = GENERATE("jump 3600000", "jump -3600000");
@@ -83,7 +84,7 @@ TEST_CASE("a jump of the camera's clock leaves the times of frames where they we
   }
 }
 
-TEST_CASE("frames of the wrong size are counted and never shown") {
+TEST_CASE("frames of the wrong size are counted and never shown", "[faults]") {
   Pair pair;
   REQUIRE(pair.fresh());
   pair.fault("size on");
@@ -98,7 +99,7 @@ TEST_CASE("frames of the wrong size are counted and never shown") {
   CHECK(frame->frame.gray.size() == cv::Size(pair.served.width, pair.served.height));
 }
 
-TEST_CASE("lost packets come again from a camera that offers it") {
+TEST_CASE("lost packets come again from a camera that offers it", "[faults]") {
   GigeServerSettings served = small_sensor();
   served.resend = true;
   Pair pair(served);
@@ -113,7 +114,7 @@ TEST_CASE("lost packets come again from a camera that offers it") {
   CHECK(static_cast<double>(health.received) / static_cast<double>(pair.server.sent()) > 0.8);
 }
 
-TEST_CASE("a triggered camera sends one frame for each question, and none without") {
+TEST_CASE("a triggered camera sends one frame for each question, and none without", "[faults]") {
   GigeSettings wanted = at_home();
   wanted.triggered = true;
   Pair pair(small_sensor(), wanted);
@@ -128,7 +129,8 @@ TEST_CASE("a triggered camera sends one frame for each question, and none withou
   CHECK(got >= 5);  // the very first frame of a stream may be broken: the receive buffer grows with it
 }
 
-TEST_CASE("exposure and gain are changed while it streams, within the camera's bounds, and told with the frames") {
+TEST_CASE("exposure and gain are changed while it streams, within the camera's bounds, and told with the frames",
+          "[faults]") {
   Pair pair;
   REQUIRE(pair.fresh());
   pair.camera->adjust(1500.0, 6.0);
@@ -142,7 +144,7 @@ TEST_CASE("exposure and gain are changed while it streams, within the camera's b
   CHECK(wait_until(1000ms, [&] { return pair.server.client().gain == 24.0; }));
 }
 
-TEST_CASE("pixels of 16 bits come as their upper 8") {
+TEST_CASE("pixels of 16 bits come as their upper 8", "[faults]") {
   GigeSettings wanted = at_home();
   wanted.pixel_format = "Mono16";
   Pair pair(small_sensor(), wanted);
@@ -156,7 +158,7 @@ TEST_CASE("pixels of 16 bits come as their upper 8") {
   CHECK_THROWS_AS(open_gige(wanted, steady_clock::now()), Failure);
 }
 
-TEST_CASE("PTP is switched on where the camera has it, and its status is told") {
+TEST_CASE("PTP is switched on where the camera has it, and its status is told", "[faults]") {
   GigeSettings wanted = at_home();
   wanted.ptp = true;
   Pair pair(small_sensor(), wanted);
@@ -165,7 +167,7 @@ TEST_CASE("PTP is switched on where the camera has it, and its status is told") 
   CHECK_THAT(actual.notes.front(), Contains("PTP is on, its status is Listening"));
 }
 
-TEST_CASE("fault commands are read, and refused with what would be right") {
+TEST_CASE("fault commands are read, and refused with what would be right", "[faults]") {
   CHECK(parse_fault("5 lose 0.01").at == 5s);
   CHECK(parse_fault("lose 0.01").value == 0.01);
   CHECK(parse_fault("malformed 10 50").rate == 50.0);
