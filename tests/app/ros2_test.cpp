@@ -43,6 +43,14 @@ Ros2Config config_of(int domain) {
   return config;
 }
 
+// A machine that stalls for 200 ms, as those that run tests do, must not end what is not about silence; how soon
+// silence stops the robot is measured by ros2_cut.
+OdometryLimits patient() {
+  OdometryLimits limits;
+  limits.max_silence = seconds(2);
+  return limits;
+}
+
 ros2::OdometryMessage good_odometry(nanoseconds stamp, double x = 0.0, double speed = 0.0) {
   ros2::OdometryMessage message;
   message.header = {time_of(stamp), "odom"};
@@ -251,7 +259,7 @@ TEST_CASE("who drives a robot that is not there is told what is missing", "[link
   config.wait_s = 0.5;
   const auto start = steady_clock::now();
   try {
-    (void)open_ros2(config, OdometryLimits{}, start);
+    (void)open_ros2(config, patient(), start);
     FAIL("there is no robot");
   } catch (const Failure& failure) {
     CHECK(failure.code() == ExitCode::robot_link);
@@ -260,9 +268,9 @@ TEST_CASE("who drives a robot that is not there is told what is missing", "[link
   ros2::Link other(ros2::LinkConfig{config.domain, "lo", {}, "half a robot"});
   const auto odometry = other.publisher<ros2::OdometryMessage>("/odom");
   config.wait_s = 2.0;
-  CHECK_THROWS_WITH((void)open_ros2(config, OdometryLimits{}, start), Contains("nobody subscribes /cmd_vel"));
+  CHECK_THROWS_WITH((void)open_ros2(config, patient(), start), Contains("nobody subscribes /cmd_vel"));
   const auto wrong = other.subscription<ros2::Bool>("/cmd_vel", ros2::Delivery::reliable, 1);
-  CHECK_THROWS_WITH((void)open_ros2(config, OdometryLimits{}, start),
+  CHECK_THROWS_WITH((void)open_ros2(config, patient(), start),
                     Contains("std_msgs/msg/Bool") && Contains("cmd_vel_type"));
 }
 
@@ -270,7 +278,7 @@ TEST_CASE("nothing is sent before the first command, then commands, and zero at 
   const int domain = next_domain();
   FakeBase base(domain);
   {
-    Ros2Robot robot = open_ros2(config_of(domain), OdometryLimits{}, steady_clock::now());
+    Ros2Robot robot = open_ros2(config_of(domain), patient(), steady_clock::now());
     CHECK_THAT(robot.health().name, Contains("(Twist)"));
     std::this_thread::sleep_for(milliseconds(200));
     (void)robot.robot->read();
@@ -291,7 +299,7 @@ TEST_CASE("TwistStamped is sent to who subscribes that", "[link]") {
   ros2::Link other(ros2::LinkConfig{domain, "lo", {}, "stamped base"});
   const auto odometry = other.publisher<ros2::OdometryMessage>("/odom");
   const auto commands = other.subscription<ros2::TwistStamped>("/cmd_vel", ros2::Delivery::reliable, 10);
-  Ros2Robot robot = open_ros2(config_of(domain), OdometryLimits{}, steady_clock::now());
+  Ros2Robot robot = open_ros2(config_of(domain), patient(), steady_clock::now());
   robot.robot->drive({0.1, -0.2});
   std::vector<ros2::TwistStamped> taken;
   CHECK(soon([&] { return !(taken = commands.take()).empty(); }));
@@ -302,7 +310,7 @@ TEST_CASE("TwistStamped is sent to who subscribes that", "[link]") {
   Ros2Config plain = config_of(domain);
   plain.cmd_vel_type = "Twist";
   plain.wait_s = 0.5;
-  CHECK_THROWS_AS((void)open_ros2(plain, OdometryLimits{}, steady_clock::now()), Failure);
+  CHECK_THROWS_AS((void)open_ros2(plain, patient(), steady_clock::now()), Failure);
 }
 
 TEST_CASE("whatever is wrong with odometry stops the robot for good, without waiting for the loop", "[link]") {
@@ -328,7 +336,7 @@ TEST_CASE("whatever is wrong with odometry stops the robot for good, without wai
   CAPTURE(fault.name);
   const int domain = next_domain();
   FakeBase base(domain);
-  Ros2Robot robot = open_ros2(config_of(domain), OdometryLimits{}, steady_clock::now());
+  Ros2Robot robot = open_ros2(config_of(domain), patient(), steady_clock::now());
   REQUIRE(drive_until(*robot.robot, 0.1, [&] { return base.speeds().size() > 10; }).empty());
   base.spoil(fault.spoil);
   // The loop goes on driving, blind to everything: the link alone has to stop the robot.
@@ -359,7 +367,7 @@ TEST_CASE("whatever is wrong with odometry stops the robot for good, without wai
 TEST_CASE("a loop that comes to a halt stops the robot, and may go on", "[link]") {
   const int domain = next_domain();
   FakeBase base(domain);
-  Ros2Robot robot = open_ros2(config_of(domain), OdometryLimits{}, steady_clock::now());
+  Ros2Robot robot = open_ros2(config_of(domain), patient(), steady_clock::now());
   REQUIRE(drive_until(*robot.robot, 0.1, [&] { return base.speed() == 0.1; }).empty());
   CHECK(soon([&] { return base.speed() == 0.0; }));
   CHECK(robot.health().starved >= 1);
@@ -375,11 +383,11 @@ TEST_CASE("a second process that publishes commands or odometry is reported and 
     const auto rival = other.publisher<ros2::Twist>("/cmd_vel");
     Ros2Config config = config_of(domain);
     config.wait_s = 1.0;
-    CHECK_THROWS_WITH((void)open_ros2(config, OdometryLimits{}, steady_clock::now()),
+    CHECK_THROWS_WITH((void)open_ros2(config, patient(), steady_clock::now()),
                       Contains("/cmd_vel already") && Contains("ros2_test") && Contains("geometry_msgs/msg/Twist"));
   }
   SECTION("commands, also of another type, while driving") {
-    Ros2Robot robot = open_ros2(config_of(domain), OdometryLimits{}, steady_clock::now());
+    Ros2Robot robot = open_ros2(config_of(domain), patient(), steady_clock::now());
     REQUIRE(drive_until(*robot.robot, 0.1, [&] { return base.speed() == 0.1; }).empty());
     ros2::Link other(ros2::LinkConfig{domain, "lo", {}, "teleop"});
     const auto rival = other.publisher<ros2::TwistStamped>("/cmd_vel");
@@ -388,7 +396,7 @@ TEST_CASE("a second process that publishes commands or odometry is reported and 
     CHECK(soon([&] { return base.speed() == 0.0; }));
   }
   SECTION("odometry") {
-    Ros2Robot robot = open_ros2(config_of(domain), OdometryLimits{}, steady_clock::now());
+    Ros2Robot robot = open_ros2(config_of(domain), patient(), steady_clock::now());
     REQUIRE(drive_until(*robot.robot, 0.1, [&] { return base.speed() == 0.1; }).empty());
     ros2::Link other(ros2::LinkConfig{domain, "lo", {}, "second odometer"});
     const auto rival = other.publisher<ros2::OdometryMessage>("/odom");
@@ -400,7 +408,7 @@ TEST_CASE("a second process that publishes commands or odometry is reported and 
 TEST_CASE("obstacles hold the robot or halve its speed; an input that went away holds", "[link]") {
   const int domain = next_domain();
   FakeBase base(domain);
-  Ros2Robot robot = open_ros2(config_of(domain), OdometryLimits{}, steady_clock::now());
+  Ros2Robot robot = open_ros2(config_of(domain), patient(), steady_clock::now());
   auto other = std::make_unique<ros2::Link>(ros2::LinkConfig{domain, "lo", {}, "scanner"});
   auto stop = std::make_unique<ros2::Publisher<ros2::Bool>>(other->publisher<ros2::Bool>("/obstacle_stop"));
   const auto slow = base.link().publisher<ros2::Bool>("/obstacle_slow");
@@ -551,7 +559,7 @@ TEST_CASE("of a hundred thousand spoiled odometry payloads none crashes, and non
 TEST_CASE("a robot that stands is not moved by ten thousand spoiled payloads on all its topics", "[link]") {
   const int domain = next_domain();
   FakeBase base(domain);
-  Ros2Robot robot = open_ros2(config_of(domain), OdometryLimits{}, steady_clock::now());
+  Ros2Robot robot = open_ros2(config_of(domain), patient(), steady_clock::now());
   const test::RawParticipant raw(domain);
   const test::Bytes good = captured(base.link(), raw, good_odometry(wall(), 0.0, 0.0));
   test::RawWriter odometry(raw, "/odom", ros2::Codec<ros2::OdometryMessage>::descriptor().m_typename);
