@@ -110,6 +110,9 @@ FrameSource session_frames(const std::string& where) {
 
 FrameSource video_frames(const std::string& where) {
   FrameSource source{"video", {}, {}};
+  // OpenCV asks every plugin it has about a file that is not there.
+  if (!std::filesystem::is_regular_file(where))
+    throw Failure(ExitCode::usage, where + ": there is no such folder, pattern of numbered files or video");
   auto video = std::make_shared<Video>(where);
   const double rate = video->opened() ? video->rate() : 0.0;
   const double count = video->opened() ? video->count() : 0.0;

@@ -624,7 +624,6 @@ struct Renderer::Prepared {
 
   [[nodiscard]] std::vector<Eigen::Isometry3d> motion_samples(const Exposure& exposure) const {
     const auto& poses = exposure.T_station_camera;
-    if (poses.empty()) throw std::invalid_argument("an exposure needs at least one camera pose");
     double path_px = 0.0;
     for (const Plate& plate : plates)
       for (const Eigen::Vector2d& corner : plate.outline()) {
@@ -1010,6 +1009,14 @@ struct Renderer::Prepared {
   }
 };
 
+namespace {
+
+void require_pose(const Exposure& exposure) {
+  if (exposure.T_station_camera.empty()) throw std::invalid_argument("an exposure needs at least one camera pose");
+}
+
+}  // namespace
+
 Renderer::Renderer(Scene scene, CameraModel camera, Sensor sensor)
     : prepared_(std::make_unique<const Prepared>(std::move(scene), camera, sensor)) {}
 Renderer::~Renderer() = default;
@@ -1017,6 +1024,7 @@ Renderer::Renderer(Renderer&&) noexcept = default;
 Renderer& Renderer::operator=(Renderer&&) noexcept = default;
 
 Rendering Renderer::render(const Exposure& exposure, std::uint64_t noise_seed, RenderedRows rows) const {
+  require_pose(exposure);
   Rendering rendering;
   rendering.tags = prepared_->true_tags(exposure);
   const RowBand band =
@@ -1029,6 +1037,7 @@ Rendering Renderer::render(const Exposure& exposure, std::uint64_t noise_seed, R
 }
 
 cv::Mat1f Renderer::render_exact(const Exposure& exposure) const {
+  require_pose(exposure);
   cv::Mat1f image(prepared_->camera.height, prepared_->camera.width);
   prepared_->rows_of(exposure, prepared_->all_rows(), [&](int y, const std::vector<float>& levels) {
     std::copy(levels.begin(), levels.end(), image.ptr<float>(y));
@@ -1036,7 +1045,10 @@ cv::Mat1f Renderer::render_exact(const Exposure& exposure) const {
   return image;
 }
 
-std::vector<TrueTag> Renderer::true_tags(const Exposure& exposure) const { return prepared_->true_tags(exposure); }
+std::vector<TrueTag> Renderer::true_tags(const Exposure& exposure) const {
+  require_pose(exposure);
+  return prepared_->true_tags(exposure);
+}
 
 const CameraModel& Renderer::camera() const { return prepared_->camera; }
 const Sensor& Renderer::sensor() const { return prepared_->sensor; }

@@ -35,7 +35,7 @@ struct Pair {
 
 }  // namespace
 
-TEST_CASE("frozen pictures come with new numbers and times", "[faults]") {
+TEST_CASE("frozen pictures come with new numbers and times") {
   Pair pair;
   REQUIRE(pair.fresh());
   pair.fault("freeze on");
@@ -56,7 +56,7 @@ TEST_CASE("frozen pictures come with new numbers and times", "[faults]") {
   CHECK(seen.size() > 1);
 }
 
-TEST_CASE("frames whose time stamps stand still are not used, and the camera is called silent", "[faults]") {
+TEST_CASE("frames whose time stamps stand still are not used, and the camera is called silent") {
   Pair pair;
   REQUIRE(pair.fresh());
   pair.fault("stale on");
@@ -84,7 +84,7 @@ TEST_CASE("a jump of the camera's clock leaves the times of frames where they we
   }
 }
 
-TEST_CASE("frames of the wrong size are counted and never shown", "[faults]") {
+TEST_CASE("frames of the wrong size are counted and never shown") {
   Pair pair;
   REQUIRE(pair.fresh());
   pair.fault("size on");
@@ -99,7 +99,7 @@ TEST_CASE("frames of the wrong size are counted and never shown", "[faults]") {
   CHECK(frame->frame.gray.size() == cv::Size(pair.served.width, pair.served.height));
 }
 
-TEST_CASE("lost packets come again from a camera that offers it", "[faults]") {
+TEST_CASE("lost packets come again from a camera that offers it") {
   GigeServerSettings served = small_sensor();
   served.resend = true;
   Pair pair(served);
@@ -114,7 +114,7 @@ TEST_CASE("lost packets come again from a camera that offers it", "[faults]") {
   CHECK(static_cast<double>(health.received) / static_cast<double>(pair.server.sent()) > 0.8);
 }
 
-TEST_CASE("a triggered camera sends one frame for each question, and none without", "[faults]") {
+TEST_CASE("a triggered camera sends one frame for each question, and none without") {
   GigeSettings wanted = at_home();
   wanted.triggered = true;
   Pair pair(small_sensor(), wanted);
@@ -144,7 +144,7 @@ TEST_CASE("exposure and gain are changed while it streams, within the camera's b
   CHECK(wait_until(1000ms, [&] { return pair.server.client().gain == 24.0; }));
 }
 
-TEST_CASE("pixels of 16 bits come as their upper 8", "[faults]") {
+TEST_CASE("pixels of 16 bits come as their upper 8") {
   GigeSettings wanted = at_home();
   wanted.pixel_format = "Mono16";
   Pair pair(small_sensor(), wanted);
@@ -158,7 +158,7 @@ TEST_CASE("pixels of 16 bits come as their upper 8", "[faults]") {
   CHECK_THROWS_AS(open_gige(wanted, steady_clock::now()), Failure);
 }
 
-TEST_CASE("PTP is switched on where the camera has it, and its status is told", "[faults]") {
+TEST_CASE("PTP is switched on where the camera has it, and its status is told") {
   GigeSettings wanted = at_home();
   wanted.ptp = true;
   Pair pair(small_sensor(), wanted);
@@ -167,7 +167,7 @@ TEST_CASE("PTP is switched on where the camera has it, and its status is told", 
   CHECK_THAT(actual.notes.front(), Contains("PTP is on, its status is Listening"));
 }
 
-TEST_CASE("fault commands are read, and refused with what would be right", "[faults]") {
+TEST_CASE("fault commands are read, and refused with what would be right") {
   CHECK(parse_fault("5 lose 0.01").at == 5s);
   CHECK(parse_fault("lose 0.01").value == 0.01);
   CHECK(parse_fault("malformed 10 50").rate == 50.0);

@@ -172,7 +172,7 @@ TEST_CASE("a second client is refused with the reason, and the first goes on") {
   std::string sentence;
   const auto before = steady_clock::now();
   CHECK(exit_code_of([&] { open_gige(impatient, start); }, sentence) == ExitCode::camera);
-  CHECK(steady_clock::now() - before < 5s);  // without the question beforehand Aravis tries for 2.5 s
+  CHECK(steady_clock::now() - before < 1s);  // without the question beforehand Aravis tries for 2.5 s
   CHECK_THAT(sentence, Catch::Contains("controlled by another program"));
   // A patient one waits for the lease of a dead controller, but this one is alive.
   CHECK(exit_code_of([&] { open_gige(at_home(), start); }, sentence) == ExitCode::camera);
@@ -195,7 +195,7 @@ TEST_CASE("a dead camera is lost within 500 ms and streams again when it is back
 
   server->stop();
   const auto died = steady_clock::now();
-  CHECK(wait_until(3000ms, [&] { return camera->health().state == "lost"; }));
+  CHECK(wait_until(500ms, [&] { return camera->health().state == "lost"; }));
   UNSCOPED_INFO("lost after " << std::chrono::duration<double>(steady_clock::now() - died).count() << " s");
   CHECK_THAT(camera->health().reason, Catch::Contains("does not answer"));
   producer.reset();
@@ -332,14 +332,14 @@ TEST_CASE("where the receive buffer is small, a coarser picture of the same view
   CHECK(good == 20);
 }
 
-TEST_CASE("a camera process that is killed or stopped is lost, and streams when it is back") {
+TEST_CASE("a camera process that is killed or stopped is lost within 500 ms, and streams when it is back") {
   auto server = std::make_unique<Process>(std::vector<std::string>{GIGE_PEER, "serve", "TD000007"});
   REQUIRE(server->line() == "serving");
   const auto camera = open_gige(at_home(), steady_clock::now());
   REQUIRE(wait_for_frame(*camera, 2000ms));
 
   server->kill();
-  CHECK(wait_until(3000ms, [&] { return camera->health().state == "lost"; }));
+  CHECK(wait_until(500ms, [&] { return camera->health().state == "lost"; }));
   server = std::make_unique<Process>(std::vector<std::string>{GIGE_PEER, "serve", "TD000007"});
   REQUIRE(server->line() == "serving");
   while (camera->newest(0ns)) {
@@ -349,7 +349,7 @@ TEST_CASE("a camera process that is killed or stopped is lost, and streams when 
 
   // Stopped, it keeps its sockets: nothing refuses our questions, they are just not answered.
   server->signal(SIGSTOP);
-  CHECK(wait_until(3000ms, [&] { return camera->health().state == "lost"; }));
+  CHECK(wait_until(500ms, [&] { return camera->health().state == "lost"; }));
   while (camera->newest(0ns)) {
   }
   std::this_thread::sleep_for(300ms);
@@ -437,7 +437,7 @@ TEST_CASE("one datagram that aborts Aravis costs a lost camera for a moment, and
     for (std::size_t i = 16; i < 20; ++i) trailer[i] = i == 19 ? 0xfe : 0xff;
     REQUIRE(server.send_to_stream(trailer.data(), trailer.size()));
     const auto sent = steady_clock::now();
-    REQUIRE(wait_until(3000ms, [&] { return camera->health().restarts == static_cast<std::uint64_t>(death); }));
+    REQUIRE(wait_until(500ms, [&] { return camera->health().restarts == static_cast<std::uint64_t>(death); }));
     std::optional<CameraFrame> frame;
     REQUIRE(wait_until(4000ms, [&] {
       while (auto one = camera->newest(0ns)) frame = std::move(one);
@@ -456,7 +456,7 @@ TEST_CASE("one datagram that aborts Aravis costs a lost camera for a moment, and
   CHECK(equal(kept->frame.gray, pattern(served.width, served.height, (kept->frame.number - 1) % Producer::variety)));
 }
 
-TEST_CASE("10000 malformed datagrams never take the process down, and the camera comes back", "[isolation]") {
+TEST_CASE("10000 malformed datagrams never take the process down, and the camera comes back", "[isolation][flood]") {
   const GigeServerSettings served = small_sensor();
   const auto start = steady_clock::now();
   GigeServer server(served);

@@ -397,5 +397,7 @@ TEST_CASE("a renderer refuses what cannot be") {
   const Renderer renderer(dark_room(), small_camera(), Sensor{});
   Exposure never;
   never.T_station_camera.clear();
-  CHECK_THROWS(renderer.render(never, 1));
+  CHECK_THROWS_WITH(renderer.render(never, 1), Catch::Contains("camera pose"));
+  CHECK_THROWS_WITH(renderer.render_exact(never), Catch::Contains("camera pose"));
+  CHECK_THROWS_WITH(renderer.true_tags(never), Catch::Contains("camera pose"));
 }
