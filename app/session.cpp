@@ -24,7 +24,6 @@ constexpr std::string_view robot_broken = "broken";
 
 constexpr std::uintmax_t free_at_start = 2'000'000'000;  // HOUSE.md: a recording does not start with less
 constexpr std::uintmax_t free_at_end = 500'000'000;      // and ends here
-constexpr std::size_t longest_queue = 30;                // frames: one second, 39 MB at 1280x1024
 constexpr std::chrono::seconds look_at_disk_every{1};    // at 1280x1024 and 30 frames a second: 39 MB
 
 constexpr std::array<const char*, 5> stream_files = {"odometry.csv", "sightings.csv", "commands.csv", "phases.csv",
@@ -260,6 +259,7 @@ SessionRecorder::SessionRecorder(const std::filesystem::path& folder, const std:
   }
   if (!good) refuse("its CSV files cannot be written");
   thread_ = std::thread([this] { run(); });
+  sync_thread_ = std::thread([this] { keep_synced(); });
 }
 
 SessionRecorder::~SessionRecorder() { finish(); }
@@ -267,12 +267,14 @@ SessionRecorder::~SessionRecorder() { finish(); }
 void SessionRecorder::frame(const CameraFrame& frame) {
   std::unique_lock lock(mutex_);
   if (gave_up_ || ending_) return;
-  if (queued_frames_ >= longest_queue) {
+  const std::size_t size = frame.frame.gray.total();
+  const auto has_room = [&] { return queued_frames_ == 0 || queued_bytes_ + size <= options_.queue_bytes; };
+  if (!has_room()) {
     if (!wait_) {
       ++health_.frames_dropped;
       return;
     }
-    taken_.wait(lock, [this] { return queued_frames_ < longest_queue || gave_up_; });
+    taken_.wait(lock, [&] { return has_room() || gave_up_; });
   }
   // A frame lies in one of the camera's few places. When the disk lags, it is copied (0.2 ms), or a slow disk would
   // take the places away from the docking.
@@ -281,6 +283,7 @@ void SessionRecorder::frame(const CameraFrame& frame) {
   if (queued_frames_ >= most_places) kept.frame.gray = frame.frame.gray.clone();
   queue_.emplace_back(std::move(kept));
   ++queued_frames_;
+  queued_bytes_ += size;
   arrived_.notify_one();
 }
 
@@ -300,12 +303,27 @@ void SessionRecorder::finish() {
     ending_ = true;
     arrived_.notify_one();
   }
+  ended_.notify_one();
   if (thread_.joinable()) thread_.join();
+  if (sync_thread_.joinable()) sync_thread_.join();
 }
 
 RecorderHealth SessionRecorder::health() const {
   const std::lock_guard lock(mutex_);
   return health_;
+}
+
+// What others wrote to the same disk is synced with it and can take seconds, so the writer does not wait for it.
+void SessionRecorder::keep_synced() {
+  const int handle = ::open(folder_.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+  if (handle < 0) return;
+  std::unique_lock lock(mutex_);
+  while (!ended_.wait_for(lock, look_at_disk_every, [this] { return ending_; })) {
+    lock.unlock();
+    ::syncfs(handle);
+    lock.lock();
+  }
+  ::close(handle);
 }
 
 void SessionRecorder::run() {
@@ -317,11 +335,11 @@ void SessionRecorder::run() {
       if (queue_.empty()) break;
       // One frame at a time, with the lines before it, so that a full queue empties as the disk goes.
       while (!queue_.empty()) {
-        const bool frame = std::holds_alternative<CameraFrame>(queue_.front());
         items.push_back(std::move(queue_.front()));
         queue_.pop_front();
-        if (frame) {
+        if (const CameraFrame* frame = std::get_if<CameraFrame>(&items.back())) {
           --queued_frames_;
+          queued_bytes_ -= frame->frame.gray.total();
           break;
         }
       }
@@ -380,10 +398,6 @@ void SessionRecorder::look_at_disk() {
   const auto now = std::chrono::steady_clock::now();
   if (now < next_look_) return;
   next_look_ = now + look_at_disk_every;
-  if (const int handle = ::open(folder_.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC); handle >= 0) {
-    ::syncfs(handle);
-    ::close(handle);
-  }
   if (free_space() < free_at_end)
     give_up("less than 500 MB are left on the disk; recording ended, the docking goes on");
 }

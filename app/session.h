@@ -55,6 +55,8 @@ struct RecorderOptions {
   bool compress = false;  ///< frames as PNG instead of PGM
   /// Free bytes of the disk; empty: as the file system says. For tests.
   std::function<std::uintmax_t()> free_space;
+  /// Bytes of pictures that may wait for the disk: 6 s at 1280x1024 and 30 frames a second.
+  std::size_t queue_bytes = 256'000'000;
 };
 
 /// Writes a session folder (CONTRACTS.md) from a thread of its own, so that the control loop never waits for the disk.
@@ -89,6 +91,7 @@ class SessionRecorder {
   using Item = std::variant<CameraFrame, Line>;
 
   void run();
+  void keep_synced();
   void write(const CameraFrame& frame);
   void write(const Line& line);
   void give_up(const std::string& sentence);
@@ -106,12 +109,15 @@ class SessionRecorder {
   mutable std::mutex mutex_;
   std::condition_variable arrived_;
   std::condition_variable taken_;
+  std::condition_variable ended_;
   std::deque<Item> queue_;
   std::size_t queued_frames_ = 0;
+  std::size_t queued_bytes_ = 0;  ///< of their pictures
   bool ending_ = false;
   bool gave_up_ = false;
   RecorderHealth health_;
   std::thread thread_;
+  std::thread sync_thread_;
 };
 
 /// A frame as it lies in a session folder.

@@ -100,7 +100,9 @@ TEST_CASE("over a small receive buffer the docking goes on with coarser pictures
   CHECK(std::abs(truth["y"].get<double>()) < 0.010);
   CHECK(std::abs(truth["yaw"].get<double>()) < 0.01745);
   CHECK_THAT(contents(scratch.path("coarse") + "/session.yaml"), Contains("width: 640") && Contains("height: 480"));
-  CHECK(run(scratch, "replay " + scratch.path("coarse") + " --compare").code == 0);
+  const Run same = run(scratch, "replay " + scratch.path("coarse") + " --compare");
+  INFO(same.out << same.err);
+  CHECK(same.code == 0);
 }
 
 TEST_CASE("a wrong configuration is refused with file, line and key", "[quick]") {

@@ -180,7 +180,9 @@ TEST_CASE("a live recorder drops frames and counts them instead of waiting for t
   std::uint64_t given = 0;
   RecorderHealth health;
   {
-    SessionRecorder recorder(scratch.folder, "", "", false);
+    RecorderOptions options;
+    options.queue_bytes = 30 * frame(0).frame.gray.total();
+    SessionRecorder recorder(scratch.folder, "", "", false, options);
     for (; given < 400; ++given) recorder.frame(frame(given));
     recorder.finish();
     health = recorder.health();
