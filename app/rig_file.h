@@ -12,12 +12,13 @@ namespace tagdock {
 void visit(Fields& fields, Rig& rig);
 void visit(Fields& fields, Board& board);
 
-/// Reads a rig file. Keys that only judges read (sigmas, rejected views) are passed over.
+/// Reads a rig file. Keys that only judges read (sigmas, rejected views) are passed over. Every value must be there;
+/// only a calibration against a tracker, told by its uncertainty, may be without odometry and then has the default one.
 /// Throws Failure(usage) with file, line and key.
 Rig read_rig(const std::filesystem::path& file);
 
 /// Reads a board file.
-/// Throws Failure(usage): no tags, an id twice, a size outside 0.01..2 m.
+/// Throws Failure(usage): no tags, an id twice, a size outside 0.01..2 m, a tag without id, size or place.
 Board read_board(const std::filesystem::path& file);
 
 }  // namespace tagdock
