@@ -8,6 +8,8 @@
 
 #include <catch2/catch.hpp>
 
+#include "app/crash_stop.h"
+
 using namespace tagdock;
 
 namespace {
@@ -39,4 +41,18 @@ TEST_CASE("two stop signals at once are one request, and a second one later ends
           ::raise(SIGINT);
           return 8;
         }) == 130);
+}
+
+TEST_CASE("a signal that is ignored stays ignored beside a crash stop") {
+  // nohup: the docking outlives its terminal.
+  const auto said = [](bool ignored) {
+    return in_child([ignored] {
+      std::signal(SIGHUP, ignored ? SIG_IGN : SIG_DFL);
+      const CrashStop stop([] { ::_exit(9); });
+      ::raise(SIGHUP);
+      return 7;
+    });
+  };
+  CHECK(said(true) == 7);
+  CHECK(said(false) == 9);
 }
