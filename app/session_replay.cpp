@@ -65,7 +65,7 @@ ReplayResult replay(const Session& session, const Config& config, const ReplayWa
   DockingLoop loop(config);
   std::size_t odometry = 0;
   for (const TickRecord& tick : session.ticks) {
-    const std::size_t end = std::min(odometry + tick.odometry_read, session.odometry.size());
+    const std::size_t end = odometry + std::min(tick.odometry_read, session.odometry.size() - odometry);
     std::vector<Odometry> readings(session.odometry.begin() + static_cast<std::ptrdiff_t>(odometry),
                                    session.odometry.begin() + static_cast<std::ptrdiff_t>(end));
     odometry = end;
