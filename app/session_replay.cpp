@@ -1,6 +1,7 @@
 #include "app/session_replay.h"
 
 #include <algorithm>
+#include <charconv>
 #include <map>
 
 #include "app/failure.h"
@@ -34,7 +35,11 @@ SessionHead read_session_head(const std::filesystem::path& folder) {
     map.refuse("format", "is " + std::to_string(format) + "; this program reads format 1");
   SessionHead head;
   head.program = map.text("program");
-  head.seed = static_cast<std::uint64_t>(map.integer("seed", 0, std::int64_t{1} << 53));
+  // Not through a double, which has 53 bits.
+  const std::string seed = map.text("seed");
+  if (const auto [end, error] = std::from_chars(seed.data(), seed.data() + seed.size(), head.seed);
+      error != std::errc() || end != seed.data() + seed.size())
+    map.refuse("seed", "is " + seed + "; it must be a whole number from 0 to 18446744073709551615");
   head.camera_name = map.text("camera_name");
   if (std::optional<YamlMap> camera = map.optional_map("camera")) {
     CameraSettings& actual = head.camera;
