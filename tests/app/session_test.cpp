@@ -1,8 +1,12 @@
 #include "app/session.h"
 
 #include <atomic>
+#include <fstream>
+#include <future>
+#include <string>
 #include <thread>
 #include <unistd.h>
+#include <vector>
 
 #include <catch2/catch.hpp>
 
@@ -127,6 +131,25 @@ TEST_CASE("a frame whose line was never written is taken from what it says of it
   CHECK(session.frames[3].time == std::chrono::milliseconds(160));
   CHECK(cv::norm(read_frame(session.frames[3]).gray, frame(4).frame.gray, cv::NORM_INF) == 0.0);
   CHECK(session.remarks.size() == 2);
+}
+
+TEST_CASE("frames taken from what they say of themselves stand where their time is, not at the end") {
+  const Scratch scratch("session_order");
+  {
+    SessionRecorder recorder(scratch.folder, "format: 1\n", "", true);
+    for (std::uint64_t number = 1; number <= 4; ++number) recorder.frame(frame(number));
+  }
+  const std::filesystem::path csv = scratch.folder / "cam0" / "data.csv";
+  std::vector<std::string> lines;
+  {
+    std::ifstream stream(csv);
+    for (std::string text; std::getline(stream, text);) lines.push_back(text);
+  }
+  REQUIRE(lines.size() == 5);
+  std::ofstream(csv) << lines[0] << "\n" << lines[1] << "\n" << lines[3] << "\n" << lines[4] << "\n";
+  const Session session = read_session(scratch.folder);
+  REQUIRE(session.frames.size() == 4);
+  for (std::size_t i = 0; i < 4; ++i) CHECK(session.frames[i].number == i + 1);
 }
 
 TEST_CASE("compressed frames are the same pixels in fewer bytes") {
