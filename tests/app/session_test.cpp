@@ -200,18 +200,25 @@ TEST_CASE("a disk that refuses to be written ends the recording with a sentence,
 
 TEST_CASE("a live recorder drops frames and counts them instead of waiting for the disk") {
   const Scratch scratch("session_queue");
-  std::uint64_t given = 0;
-  RecorderHealth health;
-  {
-    RecorderOptions options;
-    options.queue_bytes = 30 * frame(0).frame.gray.total();
-    SessionRecorder recorder(scratch.folder, "", "", false, options);
-    for (; given < 400; ++given) recorder.frame(frame(given));
-    recorder.finish();
-    health = recorder.health();
-  }
-  CHECK(health.frames_written + health.frames_dropped == given);
-  CHECK(read_session(scratch.folder).frames.size() == health.frames_written);
+  // A disk that stands still while its free space is asked for, as it is after the first frame.
+  std::atomic<int> asked{0};
+  std::promise<void> go_on;
+  RecorderOptions options;
+  options.free_space = [&asked, gone_on = go_on.get_future().share()] {
+    if (++asked == 2) gone_on.wait();  // the first is before the recording
+    return std::uintmax_t{4'000'000'000};
+  };
+  constexpr std::uint64_t room = 30, more = 400;
+  options.queue_bytes = room * frame(0).frame.gray.total();
+  SessionRecorder recorder(scratch.folder, "", "", false, options);
+  recorder.frame(frame(0));
+  while (asked < 2) std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  for (std::uint64_t number = 1; number <= more; ++number) recorder.frame(frame(number));
+  CHECK(recorder.health().frames_dropped == more - room);
+  go_on.set_value();
+  recorder.finish();
+  CHECK(recorder.health().frames_written == 1 + room);
+  CHECK(read_session(scratch.folder).frames.size() == 1 + room);
 }
 
 TEST_CASE("a folder without session.yaml is no session") {
