@@ -262,7 +262,7 @@ class Docking {
                     "a pixel (camera.exposure_us, or auto_exposure)",
                     largest_blur_px_, blurred_exposure_us_, blurred_exposure_us_ / largest_blur_px_);
       talk_.event(end, std::string("advice: ") + text);
-      if (recorder_) recorder_->line(SessionStream::events, std::to_string(end.count()) + "," + text);
+      if (recorder_) recorder_->line(SessionStream::events, std::to_string(end.count()) + "," + one_field(text));
     }
     if (recorder_) {
       recorder_->finish();
@@ -317,7 +317,8 @@ class Docking {
       char text[120];
       std::snprintf(text, sizeof text, "exposure %.0f us; gain %.1f dB (the tags' white was at %.0f %%)",
                     wanted->exposure_us, wanted->gain_db, 100.0 * light->white);
-      if (recorder_) recorder_->line(SessionStream::events, std::to_string(frame.arrived.count()) + "," + text);
+      if (recorder_)
+        recorder_->line(SessionStream::events, std::to_string(frame.arrived.count()) + "," + one_field(text));
     }
   }
 
@@ -345,7 +346,7 @@ class Docking {
     recorder_->line(SessionStream::commands, outputs.command_line);
     if (outputs.phase_line) recorder_->line(SessionStream::phases, *outputs.phase_line);
     for (const Event& event : outputs.docking.events)
-      recorder_->line(SessionStream::events, std::to_string(event.time.count()) + "," + event.text);
+      recorder_->line(SessionStream::events, std::to_string(event.time.count()) + "," + one_field(event.text));
   }
 
   void tell(const DockingLoop::Inputs& inputs, const DockingLoop::Outputs& outputs, DockingReport& report) {

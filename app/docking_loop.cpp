@@ -14,12 +14,15 @@ std::string digits(double value) {
   return text;
 }
 
-// Text that goes into one field of a CSV line.
+}  // namespace
+
 std::string one_field(std::string text) {
   std::replace(text.begin(), text.end(), ',', ';');
   std::replace(text.begin(), text.end(), '\n', ' ');
   return text;
 }
+
+namespace {
 
 struct RequestWord {
   Request request;

@@ -73,6 +73,13 @@ TEST_CASE("a simulated docking ends docked, repeats itself, and its recording re
   CHECK(report["phases"].size() > 3);
   CHECK(report["camera"]["frames"].get<int>() > 50);
   CHECK_THAT(contents(scratch.path("docking.svg")), Contains("<svg") && Contains("data:image/jpeg"));
+  std::istringstream events(contents(scratch.path("session") + "/events.csv"));
+  int lines = 0;
+  for (std::string line; std::getline(events, line); ++lines) {
+    CAPTURE(line);
+    CHECK(std::count(line.begin(), line.end(), ',') == 1);  // time_ns,text
+  }
+  CHECK(lines > 3);
 
   const Run second = run(scratch, "dock --config " + config + " --speedup 0 --seed 3 --json");
   REQUIRE(second.code == 0);
