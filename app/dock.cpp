@@ -77,6 +77,14 @@ Pose2 parse_dock_pose(const std::string& text) {
   return pose;
 }
 
+// What was measured at one docking pose says nothing of another pose or board.
+void forget_taught(Config& config) {
+  DockingConfig& docking = config.docking;
+  docking.dock_pose_taught = false;
+  docking.dock_pose_covariance.setZero();
+  docking.taught_hang.reset();
+}
+
 // What was asked, as one configuration that is exactly what a recording will hold.
 Config configuration(const DockOptions& options) {
   Config config = options.config.empty() ? Config{} : read_config(options.config);
@@ -86,6 +94,7 @@ Config configuration(const DockOptions& options) {
     const DockEntry dock = find_dock(read_docks(options.docks), options.dock_name);
     if (!dock.board.empty()) config.board = read_board(std::filesystem::path(options.docks).parent_path() / dock.board);
     if (dock.dock_pose) config.docking.dock_pose = *dock.dock_pose;
+    if (!dock.board.empty() || dock.dock_pose) forget_taught(config);
   }
   if (!options.rig.empty()) config.rig = read_rig(options.rig);
   if (!options.board.empty()) config.board = read_board(options.board);
@@ -95,6 +104,7 @@ Config configuration(const DockOptions& options) {
   if (!options.name_space.empty()) config.ros2.name_space = options.name_space;
   for (const std::string& rule : options.remaps) remap(config.ros2, rule);
   if (!options.dock_pose.empty()) config.docking.dock_pose = parse_dock_pose(options.dock_pose);
+  if (!options.board.empty() || !options.dock_pose.empty()) forget_taught(config);
   if (!options.scenario.empty()) config.simulation.scenario = options.scenario;
   if (options.errand == Errand::undock) config.docking.errand = Errand::undock;
   if (!options.method.empty()) {

@@ -133,6 +133,35 @@ TEST_CASE("a folder that cannot be recorded into is refused before anything move
   CHECK_THAT(bad.err, Contains("/proc/nowhere/session"));
 }
 
+TEST_CASE("what was taught at one docking pose is not said of another pose or board", "[quick]") {
+  const Scratch scratch;
+  const std::string config = scratch.write(
+      "dock.yaml",
+      "docking:\n  taught: {measured: true, sigma_x_m: 0.0002, sigma_y_m: 0.0002, sigma_yaw_deg: 0.01, board_checked: "
+      "true, camera_height_m: 0.35}\n");
+  const std::string board = std::filesystem::absolute("data/boards/pair.yaml").string();
+  const std::string docks =
+      scratch.write("docks.yaml",
+                    "docks:\n  - {name: pose, pose: {x_m: 0, y_m: 0, yaw_deg: 0}, dock_pose: {x_m: -1.2, y_m: 0, "
+                    "yaw_deg: 0}}\n  - {name: board, pose: {x_m: 0, y_m: 0, yaw_deg: 0}, board: " +
+                        board + "}\n  - {name: same, pose: {x_m: 0, y_m: 0, yaw_deg: 0}}\n");
+  const auto taught = [&](const std::string& more) {
+    const Run used = run(scratch, "dock --config " + config + more + " --write-config -");
+    INFO(used.err);
+    REQUIRE(used.code == 0);
+    const bool measured = used.out.find("measured: true") != std::string::npos;
+    CHECK((used.out.find("board_checked: true") != std::string::npos) == measured);
+    CHECK((used.out.find("sigma_x_m: 0\n") == std::string::npos) == measured);
+    return measured;
+  };
+  CHECK(taught(""));
+  CHECK_FALSE(taught(" --dock-pose -1.2,0,0"));
+  CHECK_FALSE(taught(" --board " + board));
+  CHECK_FALSE(taught(" --docks " + docks + " --dock pose"));
+  CHECK_FALSE(taught(" --docks " + docks + " --dock board"));
+  CHECK(taught(" --docks " + docks + " --dock same"));
+}
+
 TEST_CASE("a camera address with nobody there is said as such", "[quick]") {
   const Scratch scratch;
   const Run nobody = run(scratch, "dock --camera gige:127.0.0.77 --robot none");
