@@ -415,6 +415,25 @@ void write_file(const std::string& file, const std::string& text, const std::str
   if (!stream) throw Failure(ExitCode::usage, option + " " + file + ": cannot be written");
 }
 
+// Whether it can be written, asked before anything moves; a file that is there keeps what is in it.
+void check_writable(const std::string& file, const std::string& option) {
+  if (file.empty()) return;
+  const bool was_there = std::filesystem::exists(file);
+  if (!std::ofstream(file, std::ios::binary | std::ios::app))
+    throw Failure(ExitCode::usage, option + " " + file + ": cannot be written");
+  if (!was_there) std::filesystem::remove(file);
+}
+
+// After a docking a file that cannot be written is said, and does not change what the docking came to.
+void try_write_file(const std::string& file, const std::string& text, const std::string& option) {
+  if (file.empty()) return;
+  try {
+    write_file(file, text, option);
+  } catch (const Failure& failure) {
+    std::cerr << "tagdock: " << failure.what() << "\n";
+  }
+}
+
 // Frames that come coarser need not be made coarser still to find tags.
 void adapt_to_coarse_frames(Config& config, int binning) {
   config.locator.detector.decimate = std::max(1, config.locator.detector.decimate / binning);
@@ -442,6 +461,8 @@ int dock(const DockOptions& options) {
       write_file(options.write_config, to_yaml(config), "--write-config");
     return static_cast<int>(ExitCode::done);
   }
+  check_writable(options.report, "--report");
+  check_writable(options.picture, "--picture");
   Devices devices = open_devices(config, {options.seed, options.speedup});
   config.rig.camera = devices.camera_model;
   adapt_to_coarse_frames(config, devices.binning);
@@ -454,12 +475,12 @@ int dock(const DockOptions& options) {
     std::cout << to_json(report).dump(2) << "\n";
   else
     std::cout << words;
-  if (!options.report.empty()) write_file(options.report, to_json(report).dump(2) + "\n", "--report");
+  try_write_file(options.report, to_json(report).dump(2) + "\n", "--report");
   if (!options.picture.empty()) {
     DockingStory story = docking.story();
     std::string line;
     for (std::istringstream stream(words); std::getline(stream, line);) story.lines.push_back(line);
-    write_file(options.picture, docking_picture(story), "--picture");
+    try_write_file(options.picture, docking_picture(story), "--picture");
   }
   return static_cast<int>(exit_code(report));
 }

@@ -133,6 +133,24 @@ TEST_CASE("a folder that cannot be recorded into is refused before anything move
   CHECK_THAT(bad.err, Contains("/proc/nowhere/session"));
 }
 
+TEST_CASE("a report or a picture that cannot be written is known before anything moves, and undoes no docking",
+          "[quick]") {
+  const Scratch scratch;
+  const std::string config =
+      scratch.write("dock.yaml", "camera: {frame_rate: 4}\nsimulation: {faults: {odometry_nan_at_s: 3.0}}\n");
+  for (const std::string option : {"--report", "--picture"}) {
+    const Run bad = run(scratch, "dock --speedup 0 --config " + config + " " + option + " /proc/nowhere/file");
+    CHECK(bad.code == 2);
+    CHECK_THAT(bad.err, Contains(option + " /proc/nowhere/file") && !Contains("docking: camera"));
+    // The disk is full when it is over: what the docking came to is what the program says.
+    const Run full = run(scratch, "dock --speedup 0 --config " + config + " " + option + " /dev/full");
+    CHECK(full.code == 5);
+    CHECK_THAT(full.err, Contains(option + " /dev/full"));
+  }
+  CHECK(run(scratch, "dock --camera gige:127.0.0.77 --robot none --report " + scratch.path("report.json")).code == 3);
+  CHECK_FALSE(std::filesystem::exists(scratch.path("report.json")));
+}
+
 TEST_CASE("what was taught at one docking pose is not said of another pose or board", "[quick]") {
   const Scratch scratch;
   const std::string config = scratch.write(
