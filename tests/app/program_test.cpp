@@ -280,7 +280,10 @@ TEST_CASE("the doctor finds nothing at fault with the defaults, and names what i
   const Scratch scratch;
   const Run fit = run(scratch, "doctor --json");
   INFO(fit.out);
-  CHECK(nlohmann::json::parse(fit.out)["findings"].size() >= 6);
+  const auto findings = nlohmann::json::parse(fit.out)["findings"];
+  CHECK(findings.size() >= 6);
+  for (const auto& finding : findings) CHECK(finding["verdict"] != "fault");  // advice depends on the machine
+  CHECK(fit.code == 0);
   const Run sick = run(scratch, "doctor --config " + scratch.write("dock.yaml", "camera: {exposure_us: -3}\n"));
   CHECK(sick.code == 1);
   CHECK_THAT(sick.out, Contains("FAULT") && Contains("dock.yaml:1:") && Contains("exposure_us"));
