@@ -1,4 +1,5 @@
 // Verb: replay. A recorded session, or images, through the same code.
+#include <cmath>
 #include <cstdio>
 #include <filesystem>
 #include <fstream>
@@ -101,7 +102,9 @@ int replay_session(const ReplayOptions& options, const Session& session) {
   if (!options.rig.empty()) config.rig = read_rig(options.rig);
   if (!options.board.empty()) config.board = read_board(options.board);
   if (!options.method.empty()) config.locator.method = *corner_method(options.method);
-  config.docking.rig = config.rig;
+  // As a configuration is read: what cannot dock is refused, and what follows from it is made anew.
+  if (!options.camera.empty() || !options.rig.empty() || !options.board.empty())
+    config = parse_config(to_yaml(config), "(recorded configuration with what was given now)");
 
   Pace pace(options);
   const ReplayResult result =
@@ -273,6 +276,8 @@ int replay_images(const ReplayOptions& options) {
 int replay_any(const ReplayOptions& options) {
   if (!(options.rate > 0.0 && options.rate <= 1e4))
     throw Failure(ExitCode::usage, "--rate must be between 0 and 10000 pictures a second");
+  if (!(options.speed >= 0.0 && std::isfinite(options.speed)))
+    throw Failure(ExitCode::usage, "--speed must be 0 (as fast as it can) or more");
   if (!(options.from <= options.to)) throw Failure(ExitCode::usage, "--from must not be after --to");
   if (!options.method.empty() && !corner_method(options.method))
     throw Failure(ExitCode::usage,

@@ -336,6 +336,15 @@ TEST_CASE("replay goes to a place, one frame at a time, and tells what a changed
   REQUIRE(run(scratch, "dock --config " + config + " --speedup 0 --seed 3 --record " + scratch.path("session")).code ==
           5);
   CHECK(run(scratch, "replay " + scratch.path("session") + " --compare --to 3").code == 0);
+  CHECK(run(scratch, "replay " + scratch.path("session") + " --speed -3").code == 2);
+  const std::string far_sighted = scratch.write(
+      "rig.yaml",
+      "camera: {width: 1280, height: 1024, fx: 20000, fy: 20000, cx: 639.5, cy: 511.5, dist: [0, 0, 0, 0, 0]}\n"
+      "T_base_cam: {t: [0.35, 0, 0.35], q_xyzw: [0.5, -0.5, 0.5, -0.5]}\n"
+      "odometry: {r_left: 0.1, r_right: 0.1, track: 0.6}\n");
+  const Run unfit = run(scratch, "replay " + scratch.path("session") + " --rig " + far_sighted);
+  CHECK(unfit.code == 2);
+  CHECK_THAT(unfit.err, Contains("view") && !Contains("internal"));
   const Run stepped = run(scratch, "replay " + scratch.path("session") + " --from 2 --step --json");
   CHECK(std::count(stepped.err.begin(), stepped.err.end(), '[') == 1);  // without a person, the first step is the last
   // A camera with a focal length 2 % longer sees the station 2 % farther: 60 to 80 mm at 3 to 4 m.
