@@ -114,6 +114,8 @@ int replay_session(const ReplayOptions& options, const Session& session) {
           what = outputs.sighting_line->substr(0, 90) + "  command " + outputs.command_line;
         return pace.at(std::chrono::duration<double>(inputs.now).count(), what);
       });
+  if (options.compare && result.cycles == 0)
+    throw Failure(ExitCode::usage, "--compare: this recording has no control cycle, so nothing that could be compared");
   const ReplayDifference made = difference(session, result);
   if (!options.output.empty()) {
     std::filesystem::create_directories(options.output);
@@ -125,6 +127,7 @@ int replay_session(const ReplayOptions& options, const Session& session) {
     nlohmann::ordered_json json;
     json["schema"] = "tagdock-replay/1";
     json["cycles"] = result.cycles;
+    json["recorded_cycles"] = session.ticks.size();
     json["frames"] = result.frames;
     json["sightings"] = result.sightings;
     json["last_phase"] = result.last_phase;
@@ -138,11 +141,17 @@ int replay_session(const ReplayOptions& options, const Session& session) {
     std::printf("%llu cycles, %llu frames, %llu with the board; ended %s\n",
                 static_cast<unsigned long long>(result.cycles), static_cast<unsigned long long>(result.frames),
                 static_cast<unsigned long long>(result.sightings), result.last_phase.c_str());
-    if (result.difference_count == 0)
-      std::printf("bit-equal: every sighting, phase and command is as it was recorded\n");
-    else
+    if (result.difference_count > 0)
       std::printf("%llu lines differ from the recording\n%s", static_cast<unsigned long long>(result.difference_count),
                   words(made).c_str());
+    else if (result.cycles == 0)
+      std::printf("no control cycle, so nothing to compare\n");
+    else if (result.ended_early)
+      std::printf(
+          "bit-equal: every sighting, phase and command of the first %llu of %zu cycles is as it was recorded\n",
+          static_cast<unsigned long long>(result.cycles), session.ticks.size());
+    else
+      std::printf("bit-equal: every sighting, phase and command is as it was recorded\n");
     for (const std::string& difference : result.differences) std::printf("%s\n", difference.c_str());
   }
   return static_cast<int>(options.compare && result.difference_count > 0 ? ExitCode::failed : ExitCode::done);

@@ -335,7 +335,9 @@ TEST_CASE("replay goes to a place, one frame at a time, and tells what a changed
       scratch.write("dock.yaml", few_frames + "simulation: {faults: {odometry_nan_at_s: 6.0}}\n");
   REQUIRE(run(scratch, "dock --config " + config + " --speedup 0 --seed 3 --record " + scratch.path("session")).code ==
           5);
-  CHECK(run(scratch, "replay " + scratch.path("session") + " --compare --to 3").code == 0);
+  const Run part = run(scratch, "replay " + scratch.path("session") + " --compare --to 3");
+  CHECK(part.code == 0);
+  CHECK_THAT(part.out, Contains("of the first"));
   CHECK(run(scratch, "replay " + scratch.path("session") + " --speed -3").code == 2);
   const std::string far_sighted = scratch.write(
       "rig.yaml",
@@ -345,6 +347,18 @@ TEST_CASE("replay goes to a place, one frame at a time, and tells what a changed
   const Run unfit = run(scratch, "replay " + scratch.path("session") + " --rig " + far_sighted);
   CHECK(unfit.code == 2);
   CHECK_THAT(unfit.err, Contains("view") && !Contains("internal"));
+  const std::filesystem::path idle = scratch.folder / "idle";
+  std::filesystem::create_directories(idle / "cam0");
+  std::filesystem::copy_file(scratch.folder / "session" / "session.yaml", idle / "session.yaml");
+  for (const char* name : {"odometry.csv", "sightings.csv", "commands.csv", "phases.csv", "cam0/data.csv"}) {
+    std::istringstream stream(contents(scratch.folder / "session" / name));
+    std::string header;
+    std::getline(stream, header);
+    std::ofstream(idle / name) << header << "\n";
+  }
+  const Run nothing = run(scratch, "replay " + idle.string() + " --compare");
+  CHECK(nothing.code == 2);
+  CHECK_THAT(nothing.err, Contains("no control cycle"));
   const Run stepped = run(scratch, "replay " + scratch.path("session") + " --from 2 --step --json");
   CHECK(std::count(stepped.err.begin(), stepped.err.end(), '[') == 1);  // without a person, the first step is the last
   // A camera with a focal length 2 % longer sees the station 2 % farther: 60 to 80 mm at 3 to 4 m.
