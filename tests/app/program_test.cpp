@@ -322,6 +322,36 @@ TEST_CASE("a recording without a docking is replayed, exported, and read again f
   CHECK(euroc.code == 0);
   const std::string found = contents(scratch.folder / "found" / "sightings.csv");
   CHECK(std::count(found.begin(), found.end(), '\n') == frames + 1);
+  const Run object = run(scratch, "replay " + scratch.path("euroc") + rig + " --to 0.1 --json");
+  CHECK(object.code == 0);
+  const auto whole = nlohmann::json::parse(object.out);  // one object, with both
+  REQUIRE(whole["sightings"].size() > 0);
+  CHECK(whole["sightings"].size() == whole["images"].size());
+  CHECK(whole["sightings"][0]["result"] == "board");
+  CHECK(whole["sightings"][0]["tz"].is_number());
+
+  // A picture that cannot be read costs itself, also where it is the first.
+  const std::filesystem::path first = scratch.folder / "walk" / "cam0" / "data" / "I000000.png";
+  std::string picture = contents(first);
+  picture[picture.size() / 2] = static_cast<char>(picture[picture.size() / 2] ^ 1);
+  std::ofstream(first, std::ios::binary) << picture;
+  const Run rest = run(scratch, "replay " + scratch.path("walk") + " --json");
+  CHECK(rest.code == 2);
+  CHECK_THAT(rest.err, Contains("I000000.png"));
+  CHECK(nlohmann::json::parse(rest.out)["sightings"] == frames - 1);
+  std::string video = contents(scratch.folder / "walk.mp4");
+  const std::size_t pictures = video.find("mdat"), index = video.find("moov");
+  REQUIRE(pictures < index);
+  std::fill(video.begin() + static_cast<std::ptrdiff_t>((pictures + index) / 2),
+            video.begin() + static_cast<std::ptrdiff_t>(index - 4), '\0');
+  std::ofstream(scratch.folder / "spoiled.mp4", std::ios::binary) << video;
+  std::filesystem::create_directories(scratch.folder / "temporary");
+  const Run spoiled =
+      run(scratch, "replay " + scratch.path("spoiled.mp4") + " --json", "TMPDIR=" + scratch.path("temporary"));
+  CHECK(spoiled.code == 2);
+  CHECK_THAT(spoiled.err, Contains("cannot be read"));
+  CHECK(nlohmann::json::parse(spoiled.out)["images"].size() >= 2);
+  CHECK(std::filesystem::is_empty(scratch.folder / "temporary"));
 
   CHECK(run(scratch, "export " + scratch.path("walk")).code == 2);  // to what?
   CHECK(run(scratch, "export " + scratch.path("nowhere") + " --mcap " + scratch.path("x.mcap")).code == 2);
