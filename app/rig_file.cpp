@@ -23,6 +23,18 @@ void visit(Fields& fields, CameraModel& camera) {
   if (camera.k4 != 0.0 || camera.k5 != 0.0 || camera.k6 != 0.0)
     dist.insert(dist.end(), {camera.k4, camera.k5, camera.k6});
   fields.numbers("dist", dist, 5, 8);
+  set_distortion(camera, dist);
+}
+
+// In a configuration what is missing keeps its default; a file about one instrument or board has nothing to default to.
+void need(YamlMap map, std::initializer_list<std::string_view> keys) {
+  for (const std::string_view key : keys)
+    if (!map.has(key)) map.refuse(key, "is missing");
+}
+
+}  // namespace
+
+void set_distortion(CameraModel& camera, std::vector<double> dist) {
   dist.resize(8, 0.0);
   camera.k1 = dist[0];
   camera.k2 = dist[1];
@@ -33,14 +45,6 @@ void visit(Fields& fields, CameraModel& camera) {
   camera.k5 = dist[6];
   camera.k6 = dist[7];
 }
-
-// In a configuration what is missing keeps its default; a file about one instrument or board has nothing to default to.
-void need(YamlMap map, std::initializer_list<std::string_view> keys) {
-  for (const std::string_view key : keys)
-    if (!map.has(key)) map.refuse(key, "is missing");
-}
-
-}  // namespace
 
 void visit(Fields& fields, Rig& rig) {
   fields.group("camera", [&](Fields& inner) { visit(inner, rig.camera); });

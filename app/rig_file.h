@@ -1,6 +1,7 @@
 #pragma once
 
 #include <filesystem>
+#include <vector>
 
 #include "app/fields.h"
 #include "calibration/rig.h"
@@ -11,6 +12,9 @@ namespace tagdock {
 /// The keys of a rig (the block that `calibrate` writes) and of a board; CONTRACTS.md gives their meaning.
 void visit(Fields& fields, Rig& rig);
 void visit(Fields& fields, Board& board);
+
+/// Distortion as `dist` lists it: k1, k2, p1, p2, k3, k4, k5, k6; those at the end that are not given are 0.
+void set_distortion(CameraModel& camera, std::vector<double> dist);
 
 /// Reads a rig file. Keys that only judges read (sigmas, rejected views) are passed over. Every value must be there;
 /// only a calibration against a tracker, told by its uncertainty, may be without odometry and then has the default one.
