@@ -47,7 +47,6 @@ DockingLoop::Outputs DockingLoop::cycle(const Inputs& inputs) {
   Tick tick;
   tick.now = inputs.now;
   tick.odometry = inputs.odometry;
-  tick.camera = inputs.camera;
   tick.camera_sentence = one_field(inputs.camera_sentence);
   tick.robot_linked = inputs.robot_linked;
   tick.robot_sentence = one_field(inputs.robot_sentence);
