@@ -4,6 +4,7 @@
 #include <atomic>
 #include <cmath>
 #include <cstring>
+#include <future>
 #include <mutex>
 #include <sstream>
 #include <thread>
@@ -36,7 +37,9 @@ constexpr int periods_to_loss = 5;
 constexpr int probes_to_loss = 2;
 constexpr milliseconds silent_restart{600};  // a camera that answers but sends nothing is started again after this
 constexpr milliseconds triggered_patience{2000};
-constexpr milliseconds lease{3200};  // of a controller that died: heartbeat of 3 s, and a little
+constexpr milliseconds lease{3200};                // of a controller that died: heartbeat of 3 s, and a little
+constexpr milliseconds patience_with_stream{700};  // letting a living camera go takes 5 ms, ten times that under load
+constexpr milliseconds patience_with_dead{20000};  // letting a dead one go takes 7 s
 constexpr int pool_size = 12;  // 3 in the stream, 1 in the mailbox, 1 in the loop, the rest for a recorder that lags
 
 struct Unref {
@@ -119,17 +122,19 @@ class Connection {
   [[nodiscard]] const CameraSettings& actual() const { return actual_; }
   [[nodiscard]] bool control_lost() const { return control_lost_; }
 
-  /// Next buffer of the stream. Of one that is not complete nothing but its state is read: it may have no leader.
+  /// Next buffer of the stream. Of one that is not complete nothing but its state and id are read: it may have no
+  /// leader.
   Pop pop(Grabbed& grabbed, milliseconds timeout) {
     take_back();
     ArvBuffer* buffer =
         arv_stream_timeout_pop_buffer(stream_.get(), static_cast<guint64>(std::chrono::microseconds(timeout).count()));
     if (buffer == nullptr) return Pop::nothing;
+    // Of a buffer that is not complete this is an older one's where the leader is missing; nothing else is read of it.
+    grabbed.id = arv_buffer_get_frame_id(buffer);
     if (!good(buffer)) {
       arv_stream_push_buffer(stream_.get(), buffer);
       return Pop::incomplete;
     }
-    grabbed.id = arv_buffer_get_frame_id(buffer);
     grabbed.camera_time = nanoseconds(arv_buffer_get_timestamp(buffer));
     if (parser_) {
       grabbed.exposure_us = chunk(buffer, "ChunkExposureTime");
@@ -493,16 +498,28 @@ class Connection {
 
 /// Lets a dead camera go on a thread of its own, since Aravis waits up to 5 s for its answers.
 /// Never more than two at once: then the grab thread waits instead, and a camera that flickers cannot pile up threads.
-void reap(std::unique_ptr<Connection> connection) {
+void reap(std::unique_ptr<Connection> connection, const std::function<void()>& stuck) {
   static std::atomic<int> at_work{0};
   constexpr int at_most = 2;
   connection->abandon();
-  while (at_work >= at_most) std::this_thread::sleep_for(milliseconds(50));
+  const auto give_up = steady_clock::now() + patience_with_dead;
+  while (at_work >= at_most) {
+    std::this_thread::sleep_for(milliseconds(50));
+    if (stuck && steady_clock::now() > give_up) stuck();
+  }
   ++at_work;
   std::thread([dead = std::move(connection)]() mutable {
     dead.reset();
     --at_work;
   }).detach();
+}
+
+/// Lets a camera go that is alive, so that it is free for the next connection. A stream whose receive buffer is full of
+/// malformed packets does not end before it has chewed them all: 8 MB of them took 40 s under the thread sanitizer.
+void let_go(std::unique_ptr<Connection> connection, const std::function<void()>& stuck) {
+  if (!stuck) return;
+  auto gone = std::async(std::launch::async, [last = std::move(connection)]() mutable { last.reset(); });
+  if (gone.wait_for(patience_with_stream) != std::future_status::ready) stuck();
 }
 
 class GigeCamera : public Camera {
@@ -663,7 +680,7 @@ class GigeCamera : public Camera {
       if (popped == Pop::incomplete) {
         const std::lock_guard<std::mutex> lock(mutex_);
         ++health_.incomplete;
-        ++incomplete_since_good_;
+        incomplete_since_good_.push_back(counter_.would_be(grabbed.id));
       }
       if (popped == Pop::good && hand_over(grabbed, now, *connection)) {
         if (now - last_good > loss) say("streaming");
@@ -713,13 +730,17 @@ class GigeCamera : public Camera {
       warm = false;
       quiet_since = now;
     }
-    connection.reset();
+    // Asked to end, nobody waits for longer than a moment: whoever asks kills the process then.
+    if (end_)
+      connection.reset();
+    else
+      let_go(std::move(connection), hooks_.stuck);
     lost();
   }
 
   void lose(std::unique_ptr<Connection> connection, const std::string& reason) {
     say("lost", reason);
-    reap(std::move(connection));
+    reap(std::move(connection), hooks_.stuck);
     lost();
   }
 
@@ -727,6 +748,7 @@ class GigeCamera : public Camera {
     clock_ = ClockMap();
     counter_.reopened();
     last_number_ = 0;
+    incomplete_since_good_.clear();
     last_camera_time_.reset();
   }
 
@@ -767,16 +789,22 @@ class GigeCamera : public Camera {
     frame.exposure_us = grabbed.exposure_us.value_or(actual.exposure_us);
     frame.gain = grabbed.gain.value_or(actual.gain);
     frame.lost_before = last_number_ == 0 ? 0 : *number - last_number_ - 1;
+    // What came incomplete is counted as such; the rest of the gap never came. Frames come in order, so one without a
+    // number of its own belongs here; one with a number from elsewhere was never one of this camera's.
+    const auto in_gap = std::count_if(
+        incomplete_since_good_.begin(), incomplete_since_good_.end(),
+        [&](const std::optional<std::uint64_t>& one) { return !one || (*one > last_number_ && *one < *number); });
+    const std::uint64_t never_came =
+        frame.lost_before - std::min(frame.lost_before, static_cast<std::uint64_t>(in_gap));
+    incomplete_since_good_.clear();
     last_number_ = *number;
-    const std::uint64_t lost_before = frame.lost_before;
     const bool overwrote = mailbox_.put(std::move(frame));
     {
       const std::lock_guard<std::mutex> lock(mutex_);
       ++health_.received;
       health_.overwritten += overwrote ? 1 : 0;
-      health_.lost += lost_before - std::min(lost_before, incomplete_since_good_);
+      health_.lost += never_came;
       health_.resent = connection.resent();
-      incomplete_since_good_ = 0;
     }
     report();
     return true;
@@ -803,7 +831,7 @@ class GigeCamera : public Camera {
   FrameCounter counter_;
   std::uint64_t last_number_ = 0;
   std::optional<nanoseconds> last_camera_time_;
-  std::uint64_t incomplete_since_good_ = 0;
+  std::vector<std::optional<std::uint64_t>> incomplete_since_good_;  ///< their numbers, where they are known
 
   std::thread thread_;
 };

@@ -98,6 +98,42 @@ TEST_CASE("frames of the wrong size are counted and never shown") {
   CHECK(frame->frame.gray.size() == cv::Size(pair.served.width, pair.served.height));
 }
 
+TEST_CASE("every frame is counted once: as received, incomplete, or lost") {
+  const GigeServerSettings served = small_sensor();
+  const auto start = steady_clock::now();
+  GigeServer server(served);
+  const auto camera = open_gige(at_home(), start);
+  const cv::Mat1b gray = pattern(served.width, served.height, 3);
+  std::uint64_t number = 0;
+  // @return the newest frame's number when all have come through
+  const auto serve = [&](int frames) {
+    for (int i = 0; i < frames; ++i, std::this_thread::sleep_for(45ms))
+      server.publish({gray, ++number, steady_clock::now() - start});
+    std::this_thread::sleep_for(300ms);
+    std::uint64_t newest = 0;
+    while (const auto frame = camera->newest(0ns)) newest = frame->frame.number;
+    return newest;
+  };
+  const std::uint64_t first = serve(8);
+  const CameraHealth before = camera->health();
+  REQUIRE(first > 0);
+  // With 8 packets a frame: 0.2 breaks most, 0.75 loses one in ten whole.
+  for (const double ratio : {0.05, 0.2, 0.75}) {
+    server.lose_packets(ratio);
+    serve(ratio > 0.5 ? 6 : 30);
+    server.lose_packets(0.0);
+    serve(2);
+  }
+  const std::uint64_t last = serve(2);
+  const CameraHealth after = camera->health();
+  const std::uint64_t received = after.received - before.received;
+  const std::uint64_t incomplete = after.incomplete - before.incomplete;
+  const std::uint64_t lost = after.lost - before.lost;
+  CAPTURE(received, incomplete, lost, after.reconnects, after.restarts);
+  CHECK(incomplete > 10);
+  CHECK(received + incomplete + lost == last - first);
+}
+
 TEST_CASE("lost packets come again from a camera that offers it") {
   GigeServerSettings served = small_sensor();
   served.resend = true;
