@@ -128,7 +128,7 @@ class IsolatedGige final : public Camera {
  public:
   IsolatedGige(const GigeSettings& settings, steady_clock::time_point session_start)
       : settings_(settings), session_start_(session_start) {
-    if (!settings_.address.empty()) (void)LoopbackAddress(settings_.address);  // refused before anything is started
+    if (!settings_.address.empty()) look_who_controls(LoopbackAddress(settings_.address));
     start();
     open_first();
     thread_ = std::thread([this] { run(); });
@@ -203,6 +203,16 @@ class IsolatedGige final : public Camera {
     client_->send(OpenRequest{settings_, session_start_.time_since_epoch()});
     const std::lock_guard<std::mutex> lock(mutex_);
     socket_ = client_->socket();
+  }
+
+  /// Before a process is started: a person hears at once why nothing comes, and who does not wait is refused.
+  void look_who_controls(const LoopbackAddress& address) const {
+    if (!is_controlled(address, milliseconds(50)).value_or(false)) return;
+    if (settings_.take_over_wait == milliseconds(0))
+      throw Failure(ExitCode::camera, "the camera at " + address.text() +
+                                          " is controlled by another program: end that program and try again");
+    if (settings_.waiting)
+      settings_.waiting("another program controls the camera at " + address.text() + "; waiting whether it is alive");
   }
 
   void open_first() {

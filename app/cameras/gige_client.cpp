@@ -18,6 +18,7 @@
 #include "app/cameras/gvcp_probe.h"
 #include "app/cameras/mailbox.h"
 #include "app/cameras/receive_buffer.h"
+#include "app/cameras/wire_format.h"
 #include "app/failure.h"
 
 namespace tagdock {
@@ -38,7 +39,7 @@ constexpr int probes_to_loss = 2;
 constexpr milliseconds silent_restart{600};  // a camera that answers but sends nothing is started again after this
 constexpr milliseconds triggered_patience{2000};
 constexpr milliseconds lease{3200};                // of a controller that died: heartbeat of 3 s, and a little
-constexpr milliseconds patience_with_stream{700};  // letting a living camera go takes 5 ms, ten times that under load
+constexpr milliseconds patience_with_stream{300};  // letting a living camera go takes 5 ms, ten times that under load
 constexpr milliseconds patience_with_dead{20000};  // letting a dead one go takes 7 s
 constexpr int pool_size = 12;  // 3 in the stream, 1 in the mailbox, 1 in the loop, the rest for a recorder that lags
 
@@ -140,7 +141,7 @@ class Connection {
       grabbed.exposure_us = chunk(buffer, "ChunkExposureTime");
       grabbed.gain = chunk(buffer, "ChunkGain");
     }
-    if (bits_ == 8) {
+    if (format_->bits_on_wire == 8) {
       grabbed.gray = memory(buffer).rowRange(0, actual_.height);
       lent_.push_back(buffer);
       return Pop::good;
@@ -224,29 +225,20 @@ class Connection {
     if (error) fail("the camera refuses packets of " + std::to_string(settings.packet_size) + " bytes", error);
     set_trigger(settings.triggered);
     if (settings.ptp) start_ptp();
-    if (settings.chunks) start_chunks();
+    if (settings.chunks)
+      start_chunks();
+    else if (arv_camera_are_chunks_available(camera_.get(), nullptr))
+      arv_camera_set_chunk_mode(camera_.get(), FALSE, nullptr);  // the camera keeps what its last controller set
   }
 
   void set_format(const std::string& name) {
-    struct Format {
-      const char* name;
-      ArvPixelFormat format;
-      int bits;
-    };
-    constexpr Format formats[] = {{"Mono8", ARV_PIXEL_FORMAT_MONO_8, 8},
-                                  {"Mono10", ARV_PIXEL_FORMAT_MONO_10, 10},
-                                  {"Mono12", ARV_PIXEL_FORMAT_MONO_12, 12},
-                                  {"Mono16", ARV_PIXEL_FORMAT_MONO_16, 16}};
-    for (const Format& known : formats) {
-      if (name != known.name) continue;
-      ArvError error;
-      arv_camera_set_pixel_format(camera_.get(), known.format, error.out());
-      if (error) fail("the camera does not send grey pictures as " + name, error);
-      format_ = known.format;
-      bits_ = known.bits;
-      return;
-    }
-    throw Failure(ExitCode::usage, "camera pixel format '" + name + "' is not known: Mono8, Mono10, Mono12 or Mono16");
+    format_ = wire_format(name);
+    if (format_ == nullptr)
+      throw Failure(ExitCode::usage, "camera pixel format '" + name +
+                                         "' is not known: Mono8, Mono10, Mono10Packed, Mono12, Mono12Packed or Mono16");
+    ArvError error;
+    arv_camera_set_pixel_format(camera_.get(), format_->value, error.out());
+    if (error) fail("the camera does not send grey pictures as " + name, error);
   }
 
   /// By feature names of the SFNC: Aravis' own helper also touches triggers that the camera may not have.
@@ -299,13 +291,8 @@ class Connection {
   bool narrow(ArvBuffer* buffer, cv::Mat1b& gray) {
     for (cv::Mat1b& free : narrow_) {
       if (CV_XADD(&free.u->refcount, 0) != 1) continue;
-      const cv::Mat1w wide(actual_.height, actual_.width, reinterpret_cast<std::uint16_t*>(memory(buffer).data));
-      cv::Mat1b part = free.rowRange(0, actual_.height);
-      const int shift = bits_ - 8;
-      for (int row = 0; row < wide.rows; ++row)
-        std::transform(wide[row], wide[row] + wide.cols, part[row],
-                       [shift](std::uint16_t value) { return static_cast<unsigned char>(value >> shift); });
-      gray = part;
+      gray = free.rowRange(0, actual_.height);
+      tagdock::narrow(memory(buffer).data, *format_, gray);
       return true;
     }
     return false;
@@ -434,10 +421,11 @@ class Connection {
     const auto bytes = static_cast<int>(payload);
     const int rows =
         std::max(actual_.height, (bytes + actual_.width - 1) / actual_.width);  // of bytes: wide pixels take two
+    const bool direct = format_->bits_on_wire == 8;
     std::vector<cv::Mat1b> pictures;
-    if (hooks.pictures) pictures = hooks.pictures(pool_size, bits_ == 8 ? rows : actual_.height, actual_.width);
+    if (hooks.pictures) pictures = hooks.pictures(pool_size, direct ? rows : actual_.height, actual_.width);
     while (static_cast<int>(pictures.size()) < pool_size) pictures.emplace_back(rows, actual_.width);
-    if (bits_ != 8) {
+    if (!direct) {
       narrow_.swap(pictures);
       for (int i = 0; i < pool_size; ++i) pictures.emplace_back(rows, actual_.width);
     }
@@ -465,9 +453,8 @@ class Connection {
     const void* data = arv_buffer_get_image_data(buffer, &size);
     return data != nullptr && arv_buffer_get_image_width(buffer) == actual_.width &&
            arv_buffer_get_image_height(buffer) == actual_.height &&
-           arv_buffer_get_image_pixel_format(buffer) == format_ &&
-           size >= static_cast<std::size_t>(actual_.width) * static_cast<std::size_t>(actual_.height) *
-                       (bits_ == 8 ? 1 : 2);
+           arv_buffer_get_image_pixel_format(buffer) == format_->value &&
+           size >= format_->bytes(actual_.width, actual_.height);
   }
 
   static const cv::Mat1b& memory(ArvBuffer* buffer) {
@@ -488,8 +475,7 @@ class Connection {
   bool abandoned_ = false;
   CameraSettings actual_;
   std::vector<ArvBuffer*> lent_;  ///< buffers whose pictures are out
-  ArvPixelFormat format_ = ARV_PIXEL_FORMAT_MONO_8;
-  int bits_ = 8;                   ///< of a pixel on the wire
+  const WireFormat* format_ = nullptr;
   std::vector<cv::Mat1b> narrow_;  ///< where wide pictures are put
   Handle<ArvCamera> camera_;
   Handle<ArvChunkParser> parser_;

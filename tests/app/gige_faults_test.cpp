@@ -178,9 +178,11 @@ TEST_CASE("exposure and gain are changed while it streams, within the camera's b
   CHECK(wait_until(1000ms, [&] { return pair.server.client().gain == 24.0; }));
 }
 
-TEST_CASE("pixels of 16 bits come as their upper 8") {
+TEST_CASE("pixels of 10, 12 and 16 bits, packed or not, come as their upper 8") {
   GigeSettings wanted = at_home();
-  wanted.pixel_format = "Mono16";
+  const std::string format = GENERATE("Mono10", "Mono10Packed", "Mono12", "Mono12Packed", "Mono16");
+  CAPTURE(format);
+  wanted.pixel_format = format;
   Pair pair(small_sensor(), wanted);
   for (int i = 0; i < 15; ++i) {  // more than the pool holds
     const auto frame = pair.fresh();
@@ -190,6 +192,44 @@ TEST_CASE("pixels of 16 bits come as their upper 8") {
   }
   wanted.pixel_format = "Mono7";
   CHECK_THROWS_AS(open_gige(wanted, steady_clock::now()), Failure);
+}
+
+TEST_CASE("with chunk data each frame tells the exposure and gain that it was taken with") {
+  GigeSettings wanted = at_home();
+  wanted.chunks = true;
+  wanted.exposure_us = 4000.0;
+  const std::string format = GENERATE("Mono8", "Mono12Packed");
+  wanted.pixel_format = format;
+  const GigeServerSettings served = small_sensor();
+  const auto start = steady_clock::now();
+  GigeServer server(served);
+  auto camera = open_gige(wanted, start);
+  CHECK(camera->actual().notes.empty());
+  const cv::Mat1b gray = pattern(served.width, served.height, 3);
+  int told = 0;
+  for (std::uint64_t number = 1; number <= 20; ++number) {
+    // Of each frame another one, as with automatic exposure; none is what the client has set.
+    server.publish({gray, number, steady_clock::now() - start, 1000.0 + static_cast<double>(number), 0.5});
+    const auto frame = wait_for_frame(*camera, 300ms);
+    if (!frame) continue;  // the first one of a stream
+    ++told;
+    CHECK(frame->exposure_us == 999.0 + static_cast<double>(frame->frame.number));  // numbers begin at 2
+    CHECK(frame->gain == 0.5);
+    CHECK(equal(frame->frame.gray, gray));
+  }
+  CHECK(told >= 15);
+  // The next client wants none, and finds the camera as this one left it.
+  camera.reset();
+  wanted.chunks = false;
+  camera = open_gige(wanted, start);
+  std::optional<CameraFrame> plain;
+  for (std::uint64_t number = 21; number <= 30 && !plain; ++number) {
+    server.publish({gray, number, steady_clock::now() - start, 1.0, 0.5});
+    plain = wait_for_frame(*camera, 300ms);
+  }
+  REQUIRE(plain);
+  CHECK(plain->exposure_us == 4000.0);
+  CHECK(equal(plain->frame.gray, gray));
 }
 
 TEST_CASE("PTP is switched on where the camera has it, and its status is told") {
