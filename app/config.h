@@ -21,7 +21,7 @@ struct CameraConfig {
   double frame_rate = 25.0;      ///< 1/s
   int receive_buffer = 4 << 20;  ///< bytes asked of the kernel for a GigE stream; frames are made to fit what it grants
   bool auto_exposure = false;    ///< holds the tags' white at 60 to 80 % while driving up; frozen in the final approach
-  std::string pixel_format = "Mono8";  ///< Mono8, Mono10, Mono12 or Mono16
+  std::string pixel_format = "Mono8";  ///< Mono8, 10, 10Packed, 12, 12Packed or 16
   bool ptp = false;                    ///< IEEE 1588; not tried with a real camera
   bool chunks = false;                 ///< exposure and gain with each frame; not tried with a real camera
   double latency_ms = 80.0;            ///< from mid-exposure to arrival, declared; the ages of frames count beyond it

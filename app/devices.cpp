@@ -1,6 +1,7 @@
 #include "app/devices.h"
 
 #include <cmath>
+#include <iostream>
 #include <thread>
 
 #include "app/cameras/in_process.h"
@@ -73,6 +74,7 @@ GigeSettings gige_settings(const Config& config) {
   settings.pixel_format = config.camera.pixel_format;
   settings.ptp = config.camera.ptp;
   settings.chunks = config.camera.chunks;
+  settings.waiting = [](const std::string& sentence) { std::cerr << "camera: " << sentence << std::endl; };
   settings.receive_buffer = static_cast<std::size_t>(config.camera.receive_buffer);
   settings.declared_latency = nanoseconds(static_cast<std::int64_t>(std::llround(config.camera.latency_ms * 1e6)));
   return settings;

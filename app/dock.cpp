@@ -235,7 +235,9 @@ class Docking {
         report.interrupted = true;
       }
       const DockingLoop::Outputs outputs = loop_.cycle(inputs);
-      if (inputs.robot_linked) devices_.robot->drive(outputs.docking.command);
+      // A command that took so long to make was made from odometry that is too old to drive by.
+      const bool late = devices_.clock->now() - inputs.now > config_.docking.gate.odometry.max_age;
+      if (inputs.robot_linked) devices_.robot->drive(late ? Twist2{} : outputs.docking.command);
 
       if (camera_frame) watch_exposure(*camera_frame, outputs);
       if (devices_.tell_others) devices_.tell_others(inputs, outputs, loop_.docker(), health);

@@ -18,7 +18,8 @@ std::string digits(double value) {
 
 std::string one_field(std::string text) {
   std::replace(text.begin(), text.end(), ',', ';');
-  std::replace(text.begin(), text.end(), '\n', ' ');
+  // Also what ends a line elsewhere: the reader takes a '\r' at the end of a line for a part of its end.
+  std::replace_if(text.begin(), text.end(), [](char c) { return c == '\n' || c == '\r' || c == '\0'; }, ' ');
   return text;
 }
 
@@ -50,7 +51,6 @@ DockingLoop::Outputs DockingLoop::cycle(const Inputs& inputs) {
   Tick tick;
   tick.now = inputs.now;
   tick.odometry = inputs.odometry;
-  tick.camera = inputs.camera;
   tick.camera_sentence = one_field(inputs.camera_sentence);
   tick.robot_linked = inputs.robot_linked;
   tick.robot_sentence = one_field(inputs.robot_sentence);

@@ -12,6 +12,8 @@
 
 namespace tagdock {
 
+enum class CameraState { streaming, lost };
+
 /// One cycle of the way of a frame (HOUSE.md): frame -> locator -> pose filter -> docking::step -> gate.
 /// Live, simulated and replayed dockings are this object fed from different places; the same inputs give the same
 /// outputs to the last bit.

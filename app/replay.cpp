@@ -135,6 +135,7 @@ int replay_session(const ReplayOptions& options, const Session& session) {
     json["sightings"] = result.sightings;
     json["last_phase"] = result.last_phase;
     json["differences"] = result.difference_count;
+    json["frames_not_recorded"] = result.frames_not_recorded;
     json["first_differences"] = result.differences;
     json["difference"] = to_json(made);
     json["recorded_frames"] = session.frames.size();

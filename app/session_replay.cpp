@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <charconv>
+#include <cstdio>
 #include <map>
 
 #include "app/failure.h"
@@ -69,6 +70,7 @@ ReplayResult replay(const Session& session, const Config& config, const ReplayWa
   ReplayResult result;
   DockingLoop loop(config);
   std::size_t odometry = 0;
+  const TickRecord* first_not_recorded = nullptr;
   for (const TickRecord& tick : session.ticks) {
     const std::size_t end = odometry + std::min(tick.odometry_read, session.odometry.size() - odometry);
     std::vector<Odometry> readings(session.odometry.begin() + static_cast<std::ptrdiff_t>(odometry),
@@ -79,7 +81,7 @@ ReplayResult replay(const Session& session, const Config& config, const ReplayWa
       const auto found = frames.find(*tick.frame);
       if (found == frames.end()) {
         ++result.difference_count;
-        result.differences.push_back("frame " + std::to_string(*tick.frame) + " was used but is not in the recording");
+        if (result.frames_not_recorded++ == 0) first_not_recorded = &tick;
       } else {
         frame = read_frame(*found->second);
         if (frame->gray.cols != config.rig.camera.width || frame->gray.rows != config.rig.camera.height)
@@ -108,6 +110,16 @@ ReplayResult replay(const Session& session, const Config& config, const ReplayWa
   if (const std::optional<Reason> reason = reason_of(last)) result.reason = reason->sentence;
   if (const Docked* docked = std::get_if<Docked>(&last)) result.fix = docked->fix;
   if (const Failed* failed = std::get_if<Failed>(&last)) result.fix = failed->fix;
+  if (first_not_recorded != nullptr) {
+    char first[80];
+    std::snprintf(first, sizeof first, ", the first of them (%llu) at %.3f s",
+                  static_cast<unsigned long long>(*first_not_recorded->frame),
+                  std::chrono::duration<double>(first_not_recorded->time).count());
+    const std::string count = std::to_string(result.frames_not_recorded);
+    result.differences.push_back(count + (result.frames_not_recorded == 1 ? " frame" : " frames") +
+                                 " that the docking used " + (result.frames_not_recorded == 1 ? "was" : "were") +
+                                 " not recorded" + first + ": what follows cannot be repeated");
+  }
   compare("sightings.csv", session.sightings, result.sighting_lines, result);
   compare("commands.csv", session.commands, result.command_lines, result);
   compare("phases.csv", session.phases, result.phase_lines, result);

@@ -39,6 +39,8 @@ struct ReplayResult {
   std::vector<std::string> differences;
   bool ended_early = false;            ///< the watcher ended it: only what was made is compared
   std::uint64_t difference_count = 0;  ///< all of them; `differences` names the first of each stream
+  /// Frames that the docking used and that the recording lacks: what follows the first cannot be repeated.
+  std::uint64_t frames_not_recorded = 0;
 };
 
 /// Called after each cycle; gives false to end early.

@@ -117,7 +117,6 @@ class CommandGate {
 
   /// Zero from now on; the first reason stays.
   void latch(const Reason& reason);
-  [[nodiscard]] const std::optional<Reason>& latched() const { return latched_; }
   [[nodiscard]] const Twist2& last() const { return last_; }
 
  private:

@@ -131,7 +131,6 @@ Inputs Docker::inputs_of(const Tick& tick, const TickResult& result) const {
   if (arrival_ages_.size() >= enough_ages) {
     inputs.latency = *std::min_element(arrival_ages_.begin(), arrival_ages_.end());
   }
-  inputs.camera = tick.camera;
   inputs.camera_sentence = tick.camera_sentence;
   inputs.request = tick.request;
   inputs.last_command = gate_.last();

@@ -21,7 +21,6 @@ struct Tick {
   std::optional<Sighting> sighting;  ///< of the newest frame, if one came
   /// Mid-exposure of that frame; needed with Unseen, which has no time of its own.
   std::optional<std::chrono::nanoseconds> frame_time;
-  CameraState camera = CameraState::streaming;
   std::string camera_sentence;  ///< why it is lost, for a person
   bool robot_linked = true;     ///< false: the link is known to be broken
   std::string robot_sentence;   ///< why it is broken, for a person

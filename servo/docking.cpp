@@ -89,6 +89,7 @@ Step next_attempt(const Job& job, const Reason& reason, const Inputs& inputs, co
                   std::optional<Fix> fix = std::nullopt) {
   Job next = job;
   if (!next.first_cause) next.first_cause = reason;
+  if (fix) next.last_fix = fix;
   if (job.attempts > config.back_off.retries || !inputs.estimate) {
     Reason first = *next.first_cause;
     if (job.attempts > 1) {
@@ -286,8 +287,8 @@ Step step_acquiring(const Acquiring& before, const Inputs& inputs, const Docking
 Step step_running_in(const RunningIn& before, const Inputs& inputs, const DockingConfig& config) {
   RunningIn now = before;
   if (inputs.now - now.since > config.run_in.timeout) return timed_out(now, inputs, config);
-  const FollowStep driven =
-      follow(now.path_odom, now.follow, inputs.odometry.T_odom_base, inputs.step, config.segments);
+  const FollowStep driven = follow(now.path_odom, now.follow, inputs.odometry.T_odom_base, inputs.step, config.segments,
+                                   inputs.last_command.linear);
   now.follow = driven.next;
   if (!driven.arrived) return {now, driven.command, {}};
   Acquiring acquiring;
@@ -377,19 +378,22 @@ std::optional<Step> planned(const Validating& now, const Inputs& inputs, const D
   constexpr double run_in_lengths = 4.0;  // of the law; after as many less than 10 % of an error are left
   const double wanted = std::max(config.entry.run_in, run_in_lengths * law_for(*inputs.estimate, config).length);
   for (double run_in = wanted; run_in > config.entry.min_run_in - 1e-9; run_in -= nearer) {
-    const std::variant<Path, std::string> answer = path_to(start, goal * Pose2{-run_in, 0.0, 0.0}, false, config);
-    if (const Path* path = std::get_if<Path>(&answer)) {
-      if (keeps_view(*path, config)) {
-        return to_follow(*path, false,
-                         text("path of %.2f m in %d segments, run-in %.1f m", length(*path),
-                              static_cast<int>(path->segments.size()), run_in));
-      }
-      refusal = "on every path the board leaves the view";
-    } else {
-      refusal = std::get<std::string>(answer);
+    const Pose2 entry = goal * Pose2{-run_in, 0.0, 0.0};
+    std::variant<Path, std::string> answer = path_to(start, entry, false, config);
+    // The softest path first; where the board leaves its view, one that was looked for with that in mind.
+    const Path* path = std::get_if<Path>(&answer);
+    if (path != nullptr && !keeps_view(*path, config)) {
+      answer = path_to(start, entry, true, config);
+      path = std::get_if<Path>(&answer);
     }
+    if (path != nullptr && keeps_view(*path, config)) {
+      return to_follow(*path, false,
+                       text("path of %.2f m in %d segments, run-in %.1f m", length(*path),
+                            static_cast<int>(path->segments.size()), run_in));
+    }
+    refusal = path != nullptr ? "on every path the board leaves the view" : std::get<std::string>(answer);
   }
-  if (!config.entry.blind_entry || now.job.attempts > 1) return std::nullopt;
+  if (!config.entry.blind_entry || now.job.attempts > 1 || now.job.went_blind) return std::nullopt;
   for (double run_in = config.entry.blind_run_in; run_in > 0.0; run_in -= nearer) {
     const std::variant<Path, std::string> answer = path_to(start, goal * Pose2{-run_in, 0.0, 0.0}, false, config);
     if (const Path* path = std::get_if<Path>(&answer)) {
@@ -420,6 +424,13 @@ Step step_validating(const Validating& now, const Inputs& inputs, const DockingC
   std::string refusal = "no path was tried";
   if (std::optional<Step> plan = planned(now, inputs, config, refusal)) return *std::move(plan);
   const Reason reason{Cause::no_plan, "there is no path to the dock from here (" + entry.found + "): " + refusal};
+  if (now.job.went_blind && now.job.attempts == 1 && config.back_off.retries > 0) {
+    // It came back from its blind run, and not onto the line: the next attempt is judged as every one after a back-off.
+    Validating again = now;
+    ++again.job.attempts;
+    if (!again.job.first_cause) again.job.first_cause = reason;
+    return {again, {}, {}};
+  }
   constexpr double worth = 0.2;  // m; a shorter back-off changes nothing
   if (camera_distance(inputs.estimate->T_station_base, config) + worth > config.back_off.camera_distance) {
     return failed(now.job, now.job.first_cause ? *now.job.first_cause : reason);
@@ -453,13 +464,14 @@ Step step_following(const Following& before, const Inputs& inputs, const Docking
     controller.castor_scrub = inputs.estimate->castor_scrub;
     controller.castors = config.filter.castors;
   }
-  const FollowStep driven = follow(now.path, now.follow, pose, inputs.step, controller);
+  const FollowStep driven = follow(now.path, now.follow, pose, inputs.step, controller, inputs.last_command.linear);
   now.follow = driven.next;
   constexpr double hand_over = 0.010;  // m before the end
   if (!now.blind && driven.remaining < hand_over) return to_servo(now, inputs, config);
   if (!driven.arrived)
     return {now, config.fuse_in_segments ? against_pull(driven.command, *inputs.estimate) : driven.command, {}};
   // A blind entry was planned to end here: the back-off belongs to the same attempt.
+  now.job.went_blind = true;
   return {BackingOff{now.job, inputs.now, std::nullopt}, {}, "end of the path"};
 }
 
@@ -539,7 +551,7 @@ Step step_servoing(const Servoing& before, const Inputs& inputs, const DockingCo
 // What is different about the board since the docking pose was taught, if anything.
 std::optional<std::string> changed_hang(const BoardHang& hang, const DockingConfig& config) {
   if (!config.taught_hang) return std::nullopt;
-  // The robot sees itself lifted by what the board has sunk.
+  // The robot sees itself lifted by what the board has sunk, and tilted by what it was turned the other way.
   const double lowered = hang.camera_height - config.taught_hang->camera_height;
   const double roll = hang.roll - config.taught_hang->roll;
   const double pitch = hang.pitch - config.taught_hang->pitch;
@@ -548,7 +560,7 @@ std::optional<std::string> changed_hang(const BoardHang& hang, const DockingConf
   return text(
       "the board hangs %+.1f mm higher and turned by %+.2f, %+.2f degrees (roll, pitch) against when the docking "
       "pose was taught; has it been moved? put it back or teach again",
-      -1e3 * lowered, degrees(roll), degrees(pitch));
+      -1e3 * lowered, -degrees(roll), -degrees(pitch));
 }
 
 Step step_fixing(const Fixing& before, const Inputs& inputs, const DockingConfig& config) {
@@ -593,7 +605,8 @@ Step step_fixing(const Fixing& before, const Inputs& inputs, const DockingConfig
 Step step_backing_off(const BackingOff& before, const Inputs& inputs, const DockingConfig& config) {
   BackingOff now = before;
   const bool late = inputs.now - now.since > config.back_off.timeout;
-  if (now.job.giving_up && (now.reached || late || !inputs.estimate)) return failed(now.job, *now.job.giving_up);
+  if (now.job.giving_up && (now.reached || late || !inputs.estimate))
+    return failed(now.job, *now.job.giving_up, now.job.last_fix);
   if (!inputs.estimate) return acquire_again(now.job, inputs, config, "in the back-off");
   if (late) return timed_out(now, inputs, config);
   if (!now.reached) {
@@ -633,6 +646,9 @@ Step step_undocking(const Undocking& before, const Inputs& inputs, const Docking
 
 Step step_paused(const Paused& now, const Inputs& inputs, const DockingConfig& config) {
   if (inputs.request == Request::resume) {
+    // On the way out of the station nothing is asked anew.
+    if (now.from == name(Undocking{})) return {Undocking{now.job, inputs.now, std::nullopt}, {}, "resumed"};
+    if (now.from == name(BackingOff{})) return {BackingOff{now.job, inputs.now, std::nullopt}, {}, "resumed"};
     Acquiring acquiring;
     acquiring.job = now.job;
     acquiring.since = acquiring.stage_since = inputs.now;
@@ -706,6 +722,9 @@ void check(const DockingConfig& config) {
   require(config.fix.tolerance_x > 0.0 && config.fix.tolerance_y > 0.0 && config.fix.tolerance_yaw > 0.0,
           "the tolerances of fix must be above 0");
   require(config.back_off.retries >= 0, "back_off.retries must not be negative");
+  require(config.entry.min_run_in <= config.entry.run_in,
+          text("run_in.least_m is %g m; it must be at most run_in.wanted_m, %g m", config.entry.min_run_in,
+               config.entry.run_in));
   require(config.undock.camera_distance > -config.dock_pose.x,
           text("undock.camera_distance is %g m; it must be farther than the dock, %g m", config.undock.camera_distance,
                -config.dock_pose.x));
@@ -775,7 +794,7 @@ Phase first_phase(Errand errand, std::chrono::nanoseconds now) {
 }
 
 std::span<const Transition> transitions() {
-  static constexpr std::array<Transition, 33> table = {{
+  static constexpr std::array<Transition, 35> table = {{
       {"acquiring", "castor run-in", "measured, with room ahead"},
       {"acquiring", "validating", "measured"},
       {"acquiring", "undocking", "at the dock, asked to leave it"},
@@ -806,6 +825,8 @@ std::span<const Transition> transitions() {
       {"undocking", "undocked", "far enough"},
       {"undocking", "failed", "estimate lost or timed out"},
       {"paused", "acquiring", "resumed"},
+      {"paused", "backing off", "resumed on the way back"},
+      {"paused", "undocking", "resumed on the way out"},
       {"any", "paused", "asked to"},
       {"any", "failed", "cancelled or camera lost"},
       {"any", "stopped", "fault, operator or guard"},

@@ -66,7 +66,6 @@ struct EntryConfig {
   double blind_run_in = 0.25;  ///< m
   /// The path must keep the board's middle within this of the view's edge [rad].
   double view_margin = 0.07;
-  std::chrono::nanoseconds timeout = std::chrono::seconds(2);
 };
 
 struct ServoConfig {
@@ -196,8 +195,6 @@ enum class Request {
   stop     ///< by a person or the guard: latched
 };
 
-enum class CameraState { streaming, lost };
-
 /// What one cycle knows.
 struct Inputs {
   std::chrono::nanoseconds now{0};
@@ -211,13 +208,23 @@ struct Inputs {
   std::optional<std::chrono::nanoseconds> sighting_age;  ///< of the newest sighting; none before the first
   std::optional<std::chrono::nanoseconds> latency;       ///< least age on arrival of the last frames
   std::chrono::nanoseconds declared_latency{0};          ///< that is expected; ages count from there
-  CameraState camera = CameraState::streaming;
-  std::string camera_sentence;  ///< why it is lost
+  std::string camera_sentence;                           ///< why the camera is lost
   Request request = Request::none;
   Twist2 last_command;  ///< after the gate
 };
 
 // ---------------------------------------------------------------------------------------------------------- phases
+
+/// Where the robot stands, averaged over sightings at standstill.
+struct Fix {
+  Pose2 T_station_base;
+  /// Of the camera point and heading against the docking pose, in the station frame: m, m, rad.
+  Pose2 error;
+  Eigen::Matrix3d covariance = Eigen::Matrix3d::Zero();  ///< of `error`
+  BoardHang hang;
+  int sightings = 0;
+  double chi2 = 0.0;  ///< scatter of the sightings against their covariance, per value; about 1
+};
 
 /// What goes with a job from phase to phase.
 struct Job {
@@ -228,7 +235,9 @@ struct Job {
   /// Beside the dock's line (left positive) where the next run aims [m]: what the last one missed by, against what
   /// repeats itself (camera yaw, unequal wheels, a floor that pulls).
   double aim = 0.0;
+  bool went_blind = false;          ///< the one path without the board in view was driven
   std::optional<Reason> giving_up;  ///< on the way to the safe pose: why
+  std::optional<Fix> last_fix;      ///< of an attempt that was not good enough
 };
 
 /// Turn until the board is in the middle, then stand and collect sightings.
@@ -297,16 +306,6 @@ struct Paused {
   std::string_view from;  ///< name of the phase that was left
 };
 
-/// Where the robot stands, averaged over sightings at standstill.
-struct Fix {
-  Pose2 T_station_base;
-  /// Of the camera point and heading against the docking pose, in the station frame: m, m, rad.
-  Pose2 error;
-  Eigen::Matrix3d covariance = Eigen::Matrix3d::Zero();  ///< of `error`
-  BoardHang hang;
-  int sightings = 0;
-  double chi2 = 0.0;  ///< scatter of the sightings against their covariance, per value; about 1
-};
 struct Docked {
   Job job;
   Fix fix;

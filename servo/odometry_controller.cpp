@@ -54,18 +54,24 @@ std::chrono::nanoseconds travel_time(double distance, const OdometryControllerCo
 }
 
 FollowStep follow(const Path& path, const FollowState& state, const Pose2& pose, std::chrono::nanoseconds step,
-                  const OdometryControllerConfig& config) {
+                  const OdometryControllerConfig& config, std::optional<double> passed) {
   const double dt = seconds(step);
   const double whole = length(path);
   FollowStep result;
   result.next = state;
 
+  // What the gate held back the reference does not run ahead of.
+  const PathPoint last = point_at(path, state.reference);
+  double speed_before = state.reference_speed;
+  if (passed && std::abs(*passed) < std::abs(state.wanted))
+    speed_before = std::min(speed_before, std::max(0.0, last.direction * *passed));
   // The reference moves first, as far as this cycle lasts.
   const double rest = std::max(0.0, whole - state.reference);
   double target = std::min(config.max_speed, std::sqrt(2.0 * config.braking * rest));
   if (rest < config.end_length) target = std::max(target, config.end_speed);
-  result.next.reference_speed =
-      toward(state.reference_speed, target, config.acceleration * dt, config.deceleration * dt);
+  const double behind = -last.direction * between(last.pose, pose).x;
+  target *= std::clamp((config.wait_at - behind) / (config.wait_at - config.wait_from), 0.0, 1.0);
+  result.next.reference_speed = toward(speed_before, target, config.acceleration * dt, config.deceleration * dt);
   result.next.reference = std::min(whole, state.reference + result.next.reference_speed * dt);
   result.remaining = whole - result.next.reference;
 
@@ -81,6 +87,7 @@ FollowStep follow(const Path& path, const FollowState& state, const Pose2& pose,
     // Creep to the end, then hold it.
     const bool near = std::abs(along_error) < config.arrival;
     result.command.linear = near ? 0.0 : std::clamp(1.2 * along_error, -0.02, 0.02);
+    result.next.wanted = result.command.linear;
     result.next.rested = near ? state.rested + step : std::chrono::nanoseconds(0);
     result.arrived = result.next.rested >= config.rest;
     return result;
@@ -93,6 +100,7 @@ FollowStep follow(const Path& path, const FollowState& state, const Pose2& pose,
   // In reverse a lateral deviation is taken back by the opposite turn.
   result.command.linear =
       std::clamp(speed + config.along_share * gain * along_error, -config.max_command, config.max_command);
+  result.next.wanted = result.command.linear;
   result.command.angular = std::clamp(
       speed * steering.curvature + gain * (heading_error + wanted.direction * lateral_error / config.lateral_length),
       -config.max_turn_rate, config.max_turn_rate);

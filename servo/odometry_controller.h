@@ -1,6 +1,7 @@
 #pragma once
 
 #include <chrono>
+#include <optional>
 
 #include "planning/path.h"
 #include "planning/pose2.h"
@@ -39,6 +40,10 @@ struct OdometryControllerConfig {
   double end_length = 0.02;     ///< m
   double arrival = 0.0008;      ///< m, along the path
   std::chrono::nanoseconds rest = std::chrono::milliseconds(500);  ///< standing at the end before it counts as done
+  /// The reference waits for a robot that is farther behind than `wait_from`, and stands at `wait_at` [m]. Dead time
+  /// and lag alone make 0.03 m at 0.2 m/s.
+  double wait_from = 0.06;
+  double wait_at = 0.12;
   /// Castors that hold the heading back; the wheels are steered ahead of the path by as much. Forward paths only; the
   /// pose given to `follow` then has the heading that the wheels drove. 0 is a robot without.
   double castor_scrub = 0.0;  ///< rad/m
@@ -50,6 +55,7 @@ struct OdometryControllerConfig {
 struct FollowState {
   double reference = 0.0;              ///< distance of the reference along the path [m]
   double reference_speed = 0.0;        ///< m/s
+  double wanted = 0.0;                 ///< linear part of the last command, before the gate [m/s]
   std::chrono::nanoseconds rested{0};  ///< how long the end has been held
 
   bool operator==(const FollowState&) const = default;
@@ -64,12 +70,13 @@ struct FollowStep {
 };
 
 /// One cycle of following a path: the reference runs along it, and deviations of the robot are applied directly
-/// proportional to the velocities (paper, 3.2; notes on docking, 4.7).
-/// @param path  in any frame, forward or with cusps
-/// @param pose  of the robot in the frame of the path, by dead reckoning or by the filter
-/// @param step  since the last cycle, > 0
+/// proportional to the velocities (paper, 3.2; notes on docking, 4.7). A robot that is held or slowed is waited for.
+/// @param path    in any frame, without a change of direction
+/// @param pose    of the robot in the frame of the path, by dead reckoning or by the filter
+/// @param step    since the last cycle, > 0
+/// @param passed  linear part of what the gate let through of the last command [m/s]; none: all of it
 FollowStep follow(const Path& path, const FollowState& state, const Pose2& pose, std::chrono::nanoseconds step,
-                  const OdometryControllerConfig& config);
+                  const OdometryControllerConfig& config, std::optional<double> passed = std::nullopt);
 
 /// Time that the reference takes for a distance from standstill.
 std::chrono::nanoseconds travel_time(double distance, const OdometryControllerConfig& config);

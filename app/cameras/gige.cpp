@@ -37,7 +37,7 @@ constexpr milliseconds silence_is_loss{400};
 constexpr milliseconds silence_is_death{2000};
 constexpr milliseconds patience_when_opening{15000};  // Aravis tries for 2.5 s at each of several steps
 constexpr int deaths_while_opening = 3;               // then it is not bad luck with a datagram
-constexpr milliseconds longest_pause{1000};           // between two deaths and starts of the client
+constexpr milliseconds longest_pause{250};            // between two deaths and starts of the client
 constexpr milliseconds good_run{5000};                // after which a death counts as the first
 constexpr milliseconds patience_at_end{500};
 
@@ -114,6 +114,7 @@ class ClientProcess {
     int status = 0;
     if (id_ <= 0 || ::waitpid(id_, &status, options) != id_) return {};
     id_ = 0;
+    if (WIFEXITED(status) && WEXITSTATUS(status) == gige_client_stuck) return "it was stuck in malformed packets";
     if (WIFSIGNALED(status)) return "signal " + std::to_string(WTERMSIG(status));
     return "exit code " + std::to_string(WEXITSTATUS(status));
   }
@@ -127,7 +128,7 @@ class IsolatedGige final : public Camera {
  public:
   IsolatedGige(const GigeSettings& settings, steady_clock::time_point session_start)
       : settings_(settings), session_start_(session_start) {
-    if (!settings_.address.empty()) (void)LoopbackAddress(settings_.address);  // refused before anything is started
+    if (!settings_.address.empty()) look_who_controls(LoopbackAddress(settings_.address));
     start();
     open_first();
     thread_ = std::thread([this] { run(); });
@@ -204,6 +205,16 @@ class IsolatedGige final : public Camera {
     socket_ = client_->socket();
   }
 
+  /// Before a process is started: a person hears at once why nothing comes, and who does not wait is refused.
+  void look_who_controls(const LoopbackAddress& address) const {
+    if (!is_controlled(address, milliseconds(50)).value_or(false)) return;
+    if (settings_.take_over_wait == milliseconds(0))
+      throw Failure(ExitCode::camera, "the camera at " + address.text() +
+                                          " is controlled by another program: end that program and try again");
+    if (settings_.waiting)
+      settings_.waiting("another program controls the camera at " + address.text() + "; waiting whether it is alive");
+  }
+
   void open_first() {
     const auto deadline = steady_clock::now() + patience_when_opening + settings_.take_over_wait;
     int deaths = 0;
@@ -276,8 +287,9 @@ class IsolatedGige final : public Camera {
 
   /// In the place of a client that is gone.
   void give_back() {
-    if (actual_.address.empty()) return;
-    give_control_back(LoopbackAddress(actual_.address), ports_, milliseconds(20));
+    const std::string& address = actual_.address.empty() ? settings_.address : actual_.address;
+    if (address.empty()) return;
+    give_control_back(LoopbackAddress(address), ports_, milliseconds(20));
     ports_.clear();
   }
 
@@ -324,9 +336,13 @@ class IsolatedGige final : public Camera {
     return true;
   }
 
+  bool take(const SocketsMade& sockets, int) {
+    ports_ = sockets.ports;
+    return true;
+  }
+
   bool take(const CameraOpened& opened, int) {
     opened_ = true;
-    ports_ = opened.ports;
     const std::lock_guard<std::mutex> lock(mutex_);
     actual_ = opened.actual;
     if (was_open_) ++before_.reconnects;

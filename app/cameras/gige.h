@@ -2,6 +2,7 @@
 
 #include <chrono>
 #include <cstddef>
+#include <functional>
 #include <memory>
 #include <optional>
 #include <string>
@@ -31,8 +32,11 @@ struct GigeSettings {
   std::chrono::nanoseconds declared_latency{0};
   /// How long a camera that somebody else controls is waited for. A controller that died keeps it for 3 s.
   std::chrono::milliseconds take_over_wait{4000};
+  /// Told at once when somebody else controls the camera and it is waited for. May be empty.
+  std::function<void(const std::string&)> waiting;
   bool triggered = false;  ///< a frame comes only when Camera::trigger asks for it
-  /// Mono8, Mono10, Mono12 or Mono16; wider pixels are cut to their upper 8 bits, so that frames cost one copy.
+  /// Mono8, Mono10, Mono10Packed, Mono12, Mono12Packed or Mono16; wider pixels are cut to their upper 8 bits, so that
+  /// frames cost one copy.
   std::string pixel_format = "Mono8";
   bool ptp = false;     ///< lets the camera's clock follow the network's (IEEE 1588); not tried with a real camera
   bool chunks = false;  ///< asks for each frame's own exposure and gain; not tried with a real camera

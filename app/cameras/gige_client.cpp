@@ -4,6 +4,7 @@
 #include <atomic>
 #include <cmath>
 #include <cstring>
+#include <future>
 #include <mutex>
 #include <sstream>
 #include <thread>
@@ -17,6 +18,7 @@
 #include "app/cameras/gvcp_probe.h"
 #include "app/cameras/mailbox.h"
 #include "app/cameras/receive_buffer.h"
+#include "app/cameras/wire_format.h"
 #include "app/failure.h"
 
 namespace tagdock {
@@ -36,7 +38,9 @@ constexpr int periods_to_loss = 5;
 constexpr int probes_to_loss = 2;
 constexpr milliseconds silent_restart{600};  // a camera that answers but sends nothing is started again after this
 constexpr milliseconds triggered_patience{2000};
-constexpr milliseconds lease{3200};  // of a controller that died: heartbeat of 3 s, and a little
+constexpr milliseconds lease{3200};                // of a controller that died: heartbeat of 3 s, and a little
+constexpr milliseconds patience_with_stream{300};  // letting a living camera go takes 5 ms, ten times that under load
+constexpr milliseconds patience_with_dead{20000};  // letting a dead one go takes 7 s
 constexpr int pool_size = 12;  // 3 in the stream, 1 in the mailbox, 1 in the loop, the rest for a recorder that lags
 
 struct Unref {
@@ -119,23 +123,25 @@ class Connection {
   [[nodiscard]] const CameraSettings& actual() const { return actual_; }
   [[nodiscard]] bool control_lost() const { return control_lost_; }
 
-  /// Next buffer of the stream. Of one that is not complete nothing but its state is read: it may have no leader.
+  /// Next buffer of the stream. Of one that is not complete nothing but its state and id are read: it may have no
+  /// leader.
   Pop pop(Grabbed& grabbed, milliseconds timeout) {
     take_back();
     ArvBuffer* buffer =
         arv_stream_timeout_pop_buffer(stream_.get(), static_cast<guint64>(std::chrono::microseconds(timeout).count()));
     if (buffer == nullptr) return Pop::nothing;
+    // Of a buffer that is not complete this is an older one's where the leader is missing; nothing else is read of it.
+    grabbed.id = arv_buffer_get_frame_id(buffer);
     if (!good(buffer)) {
       arv_stream_push_buffer(stream_.get(), buffer);
       return Pop::incomplete;
     }
-    grabbed.id = arv_buffer_get_frame_id(buffer);
     grabbed.camera_time = nanoseconds(arv_buffer_get_timestamp(buffer));
     if (parser_) {
       grabbed.exposure_us = chunk(buffer, "ChunkExposureTime");
       grabbed.gain = chunk(buffer, "ChunkGain");
     }
-    if (bits_ == 8) {
+    if (format_->bits_on_wire == 8) {
       grabbed.gray = memory(buffer).rowRange(0, actual_.height);
       lent_.push_back(buffer);
       return Pop::good;
@@ -219,29 +225,20 @@ class Connection {
     if (error) fail("the camera refuses packets of " + std::to_string(settings.packet_size) + " bytes", error);
     set_trigger(settings.triggered);
     if (settings.ptp) start_ptp();
-    if (settings.chunks) start_chunks();
+    if (settings.chunks)
+      start_chunks();
+    else if (arv_camera_are_chunks_available(camera_.get(), nullptr))
+      arv_camera_set_chunk_mode(camera_.get(), FALSE, nullptr);  // the camera keeps what its last controller set
   }
 
   void set_format(const std::string& name) {
-    struct Format {
-      const char* name;
-      ArvPixelFormat format;
-      int bits;
-    };
-    constexpr Format formats[] = {{"Mono8", ARV_PIXEL_FORMAT_MONO_8, 8},
-                                  {"Mono10", ARV_PIXEL_FORMAT_MONO_10, 10},
-                                  {"Mono12", ARV_PIXEL_FORMAT_MONO_12, 12},
-                                  {"Mono16", ARV_PIXEL_FORMAT_MONO_16, 16}};
-    for (const Format& known : formats) {
-      if (name != known.name) continue;
-      ArvError error;
-      arv_camera_set_pixel_format(camera_.get(), known.format, error.out());
-      if (error) fail("the camera does not send grey pictures as " + name, error);
-      format_ = known.format;
-      bits_ = known.bits;
-      return;
-    }
-    throw Failure(ExitCode::usage, "camera pixel format '" + name + "' is not known: Mono8, Mono10, Mono12 or Mono16");
+    format_ = wire_format(name);
+    if (format_ == nullptr)
+      throw Failure(ExitCode::usage, "camera pixel format '" + name +
+                                         "' is not known: Mono8, Mono10, Mono10Packed, Mono12, Mono12Packed or Mono16");
+    ArvError error;
+    arv_camera_set_pixel_format(camera_.get(), format_->value, error.out());
+    if (error) fail("the camera does not send grey pictures as " + name, error);
   }
 
   /// By feature names of the SFNC: Aravis' own helper also touches triggers that the camera may not have.
@@ -294,13 +291,8 @@ class Connection {
   bool narrow(ArvBuffer* buffer, cv::Mat1b& gray) {
     for (cv::Mat1b& free : narrow_) {
       if (CV_XADD(&free.u->refcount, 0) != 1) continue;
-      const cv::Mat1w wide(actual_.height, actual_.width, reinterpret_cast<std::uint16_t*>(memory(buffer).data));
-      cv::Mat1b part = free.rowRange(0, actual_.height);
-      const int shift = bits_ - 8;
-      for (int row = 0; row < wide.rows; ++row)
-        std::transform(wide[row], wide[row] + wide.cols, part[row],
-                       [shift](std::uint16_t value) { return static_cast<unsigned char>(value >> shift); });
-      gray = part;
+      gray = free.rowRange(0, actual_.height);
+      tagdock::narrow(memory(buffer).data, *format_, gray);
       return true;
     }
     return false;
@@ -429,10 +421,11 @@ class Connection {
     const auto bytes = static_cast<int>(payload);
     const int rows =
         std::max(actual_.height, (bytes + actual_.width - 1) / actual_.width);  // of bytes: wide pixels take two
+    const bool direct = format_->bits_on_wire == 8;
     std::vector<cv::Mat1b> pictures;
-    if (hooks.pictures) pictures = hooks.pictures(pool_size, bits_ == 8 ? rows : actual_.height, actual_.width);
+    if (hooks.pictures) pictures = hooks.pictures(pool_size, direct ? rows : actual_.height, actual_.width);
     while (static_cast<int>(pictures.size()) < pool_size) pictures.emplace_back(rows, actual_.width);
-    if (bits_ != 8) {
+    if (!direct) {
       narrow_.swap(pictures);
       for (int i = 0; i < pool_size; ++i) pictures.emplace_back(rows, actual_.width);
     }
@@ -460,9 +453,8 @@ class Connection {
     const void* data = arv_buffer_get_image_data(buffer, &size);
     return data != nullptr && arv_buffer_get_image_width(buffer) == actual_.width &&
            arv_buffer_get_image_height(buffer) == actual_.height &&
-           arv_buffer_get_image_pixel_format(buffer) == format_ &&
-           size >= static_cast<std::size_t>(actual_.width) * static_cast<std::size_t>(actual_.height) *
-                       (bits_ == 8 ? 1 : 2);
+           arv_buffer_get_image_pixel_format(buffer) == format_->value &&
+           size >= format_->bytes(actual_.width, actual_.height);
   }
 
   static const cv::Mat1b& memory(ArvBuffer* buffer) {
@@ -483,8 +475,7 @@ class Connection {
   bool abandoned_ = false;
   CameraSettings actual_;
   std::vector<ArvBuffer*> lent_;  ///< buffers whose pictures are out
-  ArvPixelFormat format_ = ARV_PIXEL_FORMAT_MONO_8;
-  int bits_ = 8;                   ///< of a pixel on the wire
+  const WireFormat* format_ = nullptr;
   std::vector<cv::Mat1b> narrow_;  ///< where wide pictures are put
   Handle<ArvCamera> camera_;
   Handle<ArvChunkParser> parser_;
@@ -493,16 +484,28 @@ class Connection {
 
 /// Lets a dead camera go on a thread of its own, since Aravis waits up to 5 s for its answers.
 /// Never more than two at once: then the grab thread waits instead, and a camera that flickers cannot pile up threads.
-void reap(std::unique_ptr<Connection> connection) {
+void reap(std::unique_ptr<Connection> connection, const std::function<void()>& stuck) {
   static std::atomic<int> at_work{0};
   constexpr int at_most = 2;
   connection->abandon();
-  while (at_work >= at_most) std::this_thread::sleep_for(milliseconds(50));
+  const auto give_up = steady_clock::now() + patience_with_dead;
+  while (at_work >= at_most) {
+    std::this_thread::sleep_for(milliseconds(50));
+    if (stuck && steady_clock::now() > give_up) stuck();
+  }
   ++at_work;
   std::thread([dead = std::move(connection)]() mutable {
     dead.reset();
     --at_work;
   }).detach();
+}
+
+/// Lets a camera go that is alive, so that it is free for the next connection. A stream whose receive buffer is full of
+/// malformed packets does not end before it has chewed them all: 8 MB of them took 40 s under the thread sanitizer.
+void let_go(std::unique_ptr<Connection> connection, const std::function<void()>& stuck) {
+  if (!stuck) return;
+  auto gone = std::async(std::launch::async, [last = std::move(connection)]() mutable { last.reset(); });
+  if (gone.wait_for(patience_with_stream) != std::future_status::ready) stuck();
 }
 
 class GigeCamera : public Camera {
@@ -663,7 +666,7 @@ class GigeCamera : public Camera {
       if (popped == Pop::incomplete) {
         const std::lock_guard<std::mutex> lock(mutex_);
         ++health_.incomplete;
-        ++incomplete_since_good_;
+        incomplete_since_good_.push_back(counter_.would_be(grabbed.id));
       }
       if (popped == Pop::good && hand_over(grabbed, now, *connection)) {
         if (now - last_good > loss) say("streaming");
@@ -713,13 +716,17 @@ class GigeCamera : public Camera {
       warm = false;
       quiet_since = now;
     }
-    connection.reset();
+    // Asked to end, nobody waits for longer than a moment: whoever asks kills the process then.
+    if (end_)
+      connection.reset();
+    else
+      let_go(std::move(connection), hooks_.stuck);
     lost();
   }
 
   void lose(std::unique_ptr<Connection> connection, const std::string& reason) {
     say("lost", reason);
-    reap(std::move(connection));
+    reap(std::move(connection), hooks_.stuck);
     lost();
   }
 
@@ -727,6 +734,7 @@ class GigeCamera : public Camera {
     clock_ = ClockMap();
     counter_.reopened();
     last_number_ = 0;
+    incomplete_since_good_.clear();
     last_camera_time_.reset();
   }
 
@@ -767,16 +775,22 @@ class GigeCamera : public Camera {
     frame.exposure_us = grabbed.exposure_us.value_or(actual.exposure_us);
     frame.gain = grabbed.gain.value_or(actual.gain);
     frame.lost_before = last_number_ == 0 ? 0 : *number - last_number_ - 1;
+    // What came incomplete is counted as such; the rest of the gap never came. Frames come in order, so one without a
+    // number of its own belongs here; one with a number from elsewhere was never one of this camera's.
+    const auto in_gap = std::count_if(
+        incomplete_since_good_.begin(), incomplete_since_good_.end(),
+        [&](const std::optional<std::uint64_t>& one) { return !one || (*one > last_number_ && *one < *number); });
+    const std::uint64_t never_came =
+        frame.lost_before - std::min(frame.lost_before, static_cast<std::uint64_t>(in_gap));
+    incomplete_since_good_.clear();
     last_number_ = *number;
-    const std::uint64_t lost_before = frame.lost_before;
     const bool overwrote = mailbox_.put(std::move(frame));
     {
       const std::lock_guard<std::mutex> lock(mutex_);
       ++health_.received;
       health_.overwritten += overwrote ? 1 : 0;
-      health_.lost += lost_before - std::min(lost_before, incomplete_since_good_);
+      health_.lost += never_came;
       health_.resent = connection.resent();
-      incomplete_since_good_ = 0;
     }
     report();
     return true;
@@ -803,7 +817,7 @@ class GigeCamera : public Camera {
   FrameCounter counter_;
   std::uint64_t last_number_ = 0;
   std::optional<nanoseconds> last_camera_time_;
-  std::uint64_t incomplete_since_good_ = 0;
+  std::vector<std::optional<std::uint64_t>> incomplete_since_good_;  ///< their numbers, where they are known
 
   std::thread thread_;
 };

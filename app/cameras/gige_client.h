@@ -19,6 +19,9 @@ struct GigeClientHooks {
   std::function<std::vector<cv::Mat1b>(int count, int rows, int columns)> pictures;
   /// Something is new: a frame to take, or a state.
   std::function<void(const CameraHealth&)> changed;
+  /// Aravis does not come to an end with packets that it got and cannot be stopped: only another process helps. Empty:
+  /// it is waited for.
+  std::function<void()> stuck;
 };
 
 /// The client itself, in this process: Aravis, which a malformed datagram aborts. `open_gige` runs it in another one.

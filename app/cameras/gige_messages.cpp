@@ -138,6 +138,7 @@ void fields(Visitor& visit, Message& message) {
     visit(actual.exposure_us);
     visit(actual.gain);
     visit(actual.notes);
+  } else if constexpr (std::is_same_v<Plain, SocketsMade>) {
     visit(message.ports);
   } else if constexpr (std::is_same_v<Plain, OpenFailed>) {
     visit(message.code);

@@ -45,11 +45,14 @@ struct MemoryMade {
   std::int32_t rows = 0;
   std::int32_t columns = 0;
 };
+/// <- client, before the stream begins and so before a datagram can end it: its sockets. Whoever knows them can give
+/// the camera's control back after the client's death.
+struct SocketsMade {
+  std::vector<LocalPort> ports;
+};
 /// <- client: the camera streams.
 struct CameraOpened {
   CameraSettings actual;
-  /// The client's sockets: whoever knows them can give the control back after the client's death.
-  std::vector<LocalPort> ports;
 };
 /// <- client: it could not be opened.
 struct OpenFailed {
@@ -74,7 +77,7 @@ struct FrameReady {
   double exposure_us = 0.0;
   double gain = 0.0;
 };
-using ClientReport = std::variant<MemoryMade, CameraOpened, OpenFailed, HealthReport, FrameReady>;
+using ClientReport = std::variant<MemoryMade, SocketsMade, CameraOpened, OpenFailed, HealthReport, FrameReady>;
 
 constexpr std::size_t longest_message = 16384;
 

@@ -92,6 +92,7 @@ class Client {
     GigeClientHooks hooks;
     hooks.pictures = [this](int count, int rows, int columns) { return pictures(count, rows, columns); };
     hooks.changed = [this](const CameraHealth& health) { changed(health); };
+    hooks.stuck = [] { ::_exit(gige_client_stuck); };
     opening_ = std::async(std::launch::async, [request, hooks] {
       return open_gige_client(request.settings, steady_clock::time_point(request.session_start), hooks);
     });
@@ -115,9 +116,7 @@ class Client {
     }
   }
 
-  void tell_what_was_opened() {
-    send_message(socket_, packed(ClientReport(CameraOpened{camera_->actual(), udp_ports()})));
-  }
+  void tell_what_was_opened() { send_message(socket_, packed(ClientReport(CameraOpened{camera_->actual()}))); }
 
   /// Called by the thread that opens the camera, also when it opens it again.
   std::vector<cv::Mat1b> pictures(int count, int rows, int columns) {
@@ -140,6 +139,9 @@ class Client {
       const bool opened_again = last_health_.state != "streaming" && health.state == "streaming";
       last_health_ = health;
       if (other_state) send_message(socket_, packed(ClientReport(HealthReport{health})));
+      // Aravis has the camera's control and no stream yet.
+      if (other_state && health.state == "claiming")
+        send_message(socket_, packed(ClientReport(SocketsMade{udp_ports()})));
       if (opened_again) opened_again_ = true;
     }
     changed_ = true;

@@ -11,6 +11,9 @@ int serve_gige_client(int socket);
 /// The word with which `open_gige` starts a program that shall do that.
 constexpr const char* gige_client_word = "camera-client";
 
+/// The exit code of a client that Aravis holds up.
+constexpr int gige_client_stuck = 75;
+
 /// The handle at which `open_gige` gives its end of the pair to the program that it starts.
 constexpr int gige_client_socket = 3;
 

@@ -11,7 +11,7 @@ const std::string_view camera_description = R"(<?xml version="1.0" encoding="utf
     xsi:schemaLocation="http://www.genicam.org/GenApi/Version_1_1 GenApiSchema_Version_1_1.xsd">
   <Category Name="Root">
     <pFeature>DeviceControl</pFeature><pFeature>ImageFormatControl</pFeature><pFeature>AcquisitionControl</pFeature>
-    <pFeature>AnalogControl</pFeature><pFeature>TransportLayerControl</pFeature>
+    <pFeature>AnalogControl</pFeature><pFeature>TransportLayerControl</pFeature><pFeature>ChunkDataControl</pFeature>
   </Category>
 
   <Category Name="DeviceControl">
@@ -43,6 +43,10 @@ const std::string_view camera_description = R"(<?xml version="1.0" encoding="utf
   <Integer Name="OffsetY"><pValue>OffsetYRegister</pValue><Min>0</Min><pMax>OffsetYMax</pMax><Inc>2</Inc></Integer>
   <Enumeration Name="PixelFormat">
     <EnumEntry Name="Mono8"><Value>17301505</Value></EnumEntry>
+    <EnumEntry Name="Mono10"><Value>17825795</Value></EnumEntry>
+    <EnumEntry Name="Mono10Packed"><Value>17563652</Value></EnumEntry>
+    <EnumEntry Name="Mono12"><Value>17825797</Value></EnumEntry>
+    <EnumEntry Name="Mono12Packed"><Value>17563654</Value></EnumEntry>
     <EnumEntry Name="Mono16"><Value>17825799</Value></EnumEntry>
     <pValue>PixelFormatRegister</pValue>
   </Enumeration>
@@ -86,10 +90,29 @@ const std::string_view camera_description = R"(<?xml version="1.0" encoding="utf
   <Boolean Name="PtpEnable"><pValue>PtpEnableRegister</pValue><OnValue>1</OnValue><OffValue>0</OffValue></Boolean>
   <Enumeration Name="PtpStatus"><ImposedAccessMode>RO</ImposedAccessMode><EnumEntry Name="Disabled"><Value>0</Value></EnumEntry><EnumEntry Name="Listening"><Value>1</Value></EnumEntry><pValue>PtpEnableRegister</pValue></Enumeration>
   <IntReg Name="PtpEnableRegister"><Address>0xa058</Address><Length>4</Length><AccessMode>RW</AccessMode><pPort>Device</pPort><Sign>Unsigned</Sign><Endianess>BigEndian</Endianess></IntReg>
-  <IntSwissKnife Name="PayloadSize"><pVariable Name="W">Width</pVariable><pVariable Name="H">Height</pVariable><pVariable Name="FORMAT">PixelFormatRegister</pVariable><Formula>W * H * ((FORMAT &gt;&gt; 16) &amp; 0xff) / 8</Formula></IntSwissKnife>
+  <IntSwissKnife Name="PayloadSize"><pVariable Name="W">Width</pVariable><pVariable Name="H">Height</pVariable><pVariable Name="FORMAT">PixelFormatRegister</pVariable><pVariable Name="CHUNKS">ChunkModeRegister</pVariable><pVariable Name="E">ChunkExposureEnableRegister</pVariable><pVariable Name="G">ChunkGainEnableRegister</pVariable><Formula>W * H * ((FORMAT &gt;&gt; 16) &amp; 0xff) / 8 + CHUNKS * (8 + 16 * E + 16 * G)</Formula></IntSwissKnife>
   <Integer Name="TLParamsLocked"><Value>0</Value><Min>0</Min><Max>1</Max></Integer>
 
+  <Category Name="ChunkDataControl">
+    <pFeature>ChunkModeActive</pFeature><pFeature>ChunkSelector</pFeature><pFeature>ChunkEnable</pFeature>
+    <pFeature>ChunkExposureTime</pFeature><pFeature>ChunkGain</pFeature>
+  </Category>
+  <Boolean Name="ChunkModeActive"><pValue>ChunkModeRegister</pValue><OnValue>1</OnValue><OffValue>0</OffValue></Boolean>
+  <Enumeration Name="ChunkSelector"><EnumEntry Name="ExposureTime"><Value>0</Value></EnumEntry><EnumEntry Name="Gain"><Value>1</Value></EnumEntry><pValue>ChunkSelectorRegister</pValue></Enumeration>
+  <Boolean Name="ChunkEnable"><pValue>ChunkEnableRegister</pValue><OnValue>1</OnValue><OffValue>0</OffValue></Boolean>
+  <Float Name="ChunkExposureTime"><pValue>ChunkExposureTimeRegister</pValue><Unit>us</Unit></Float>
+  <Float Name="ChunkGain"><pValue>ChunkGainRegister</pValue><Unit>dB</Unit></Float>
+  <FloatReg Name="ChunkExposureTimeRegister"><Address>0</Address><Length>8</Length><AccessMode>RO</AccessMode><pPort>ChunkExposureTimePort</pPort><Endianess>BigEndian</Endianess></FloatReg>
+  <FloatReg Name="ChunkGainRegister"><Address>0</Address><Length>8</Length><AccessMode>RO</AccessMode><pPort>ChunkGainPort</pPort><Endianess>BigEndian</Endianess></FloatReg>
+  <IntReg Name="ChunkModeRegister"><Address>0xa05c</Address><Length>4</Length><AccessMode>RW</AccessMode><pPort>Device</pPort><Sign>Unsigned</Sign><Endianess>BigEndian</Endianess></IntReg>
+  <IntReg Name="ChunkSelectorRegister"><Address>0xa060</Address><Length>4</Length><AccessMode>RW</AccessMode><pPort>Device</pPort><Sign>Unsigned</Sign><Endianess>BigEndian</Endianess></IntReg>
+  <IntReg Name="ChunkEnableRegister"><Address>0xa064</Address><pIndex Offset="4">ChunkSelectorRegister</pIndex><Length>4</Length><AccessMode>RW</AccessMode><pPort>Device</pPort><Sign>Unsigned</Sign><Endianess>BigEndian</Endianess></IntReg>
+  <IntReg Name="ChunkExposureEnableRegister"><Address>0xa064</Address><Length>4</Length><AccessMode>RW</AccessMode><pPort>Device</pPort><Sign>Unsigned</Sign><Endianess>BigEndian</Endianess></IntReg>
+  <IntReg Name="ChunkGainEnableRegister"><Address>0xa068</Address><Length>4</Length><AccessMode>RW</AccessMode><pPort>Device</pPort><Sign>Unsigned</Sign><Endianess>BigEndian</Endianess></IntReg>
+
   <Port Name="Device"/>
+  <Port Name="ChunkExposureTimePort"><ChunkID>1001</ChunkID></Port>
+  <Port Name="ChunkGainPort"><ChunkID>1002</ChunkID></Port>
 </RegisterDescription>
 )";
 

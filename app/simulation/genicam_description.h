@@ -27,9 +27,20 @@ constexpr std::uint32_t exposure = 0xa040;
 constexpr std::uint32_t gain = 0xa048;
 constexpr std::uint32_t frame_rate = 0xa050;
 constexpr std::uint32_t ptp_enable = 0xa058;
-constexpr std::uint32_t end = 0xa060;
+constexpr std::uint32_t chunk_mode = 0xa05c;
+constexpr std::uint32_t chunk_selector = 0xa060;
+constexpr std::uint32_t chunk_enable = 0xa064;  ///< one a chunk
+constexpr std::uint32_t end = 0xa06c;
 constexpr std::uint32_t description = 0x10000;  ///< the text below
 }  // namespace camera_register
+
+/// What a frame can carry of itself, behind its pixels.
+namespace camera_chunk {
+constexpr std::uint32_t image_id = 0x1000;
+constexpr std::uint32_t exposure_id = 0x1001;  ///< a number of 8 bytes [us]
+constexpr std::uint32_t gain_id = 0x1002;      ///< a number of 8 bytes [dB]
+constexpr std::uint32_t tag_size = 8;          ///< behind each chunk: its id and its length
+}  // namespace camera_chunk
 
 /// What the simulated camera says about itself (GenICam 1.1). Names and units follow the Standard Features Naming
 /// Convention.

@@ -21,6 +21,7 @@
 #include <opencv2/imgproc.hpp>
 
 #include "app/cameras/gvcp_probe.h"
+#include "app/cameras/wire_format.h"
 #include "app/failure.h"
 #include "app/simulation/genicam_description.h"
 
@@ -81,8 +82,8 @@ constexpr std::uint32_t can_resend = 1U << 2;
 constexpr std::uint32_t has_serial_number = 1U << 30;
 constexpr std::uint32_t has_user_name = 1U << 31;
 
-constexpr std::uint32_t mono8 = 0x01080001;
-constexpr std::uint32_t mono16 = 0x01100007;
+constexpr std::uint32_t image = 1;  // kinds of payload
+constexpr std::uint32_t image_with_chunks = 0x4001;
 constexpr std::uint64_t tick_frequency = 1'000'000'000;
 constexpr std::uint64_t largest_id = 65535;                    // 0 is no frame id, so they run from 1 to this
 constexpr std::size_t packet_overhead = 20 + 8 + header_size;  // IP, UDP and GVSP headers count in the packet size
@@ -175,7 +176,7 @@ class Memory {
     write(height, static_cast<std::uint32_t>(settings.height));
     write(binning_horizontal, 1);
     write(binning_vertical, 1);
-    write(pixel_format, mono8);
+    write(pixel_format, wire_format("Mono8")->value);
     write(acquisition_mode, 1);
     real(exposure, settings.exposure_us);
     real(gain, settings.gain);
@@ -220,11 +221,13 @@ class Memory {
 struct Packets {
   std::uint32_t id = 0;
   nanoseconds time{0};
-  std::uint32_t format = mono8;
-  cv::Mat pixels;          ///< continuous
-  cv::Point offset;        ///< of the region, in binned pixels
-  cv::Size agreed;         ///< what the leader says
-  std::size_t block = 0;   ///< bytes of payload in a packet
+  const WireFormat* format = nullptr;
+  std::vector<std::uint8_t> payload;  ///< pixels, and the chunks behind them
+  bool has_chunks = false;
+  std::vector<std::pair<std::uint32_t, double>> chunks;  ///< id and number
+  cv::Point offset;                                      ///< of the region, in binned pixels
+  cv::Size agreed;                                       ///< what the leader says
+  std::size_t block = 0;                                 ///< bytes of payload in a packet
   std::size_t blocks = 0;  ///< payload packets; the leader is packet 0, the trailer packet blocks + 1
 };
 
@@ -518,7 +521,7 @@ class GigeServer::Implementation {
       const double lost = faults_.lost_packets;
       const sockaddr_in to = destination();
       lock.unlock();
-      packets.pixels = pixels_of(frame, part, packets);
+      packets.payload = payload_of(frame, part, packets);
       send(packets, 0, packets.blocks + 1, lost, delay, to, random_);
       lock.lock();
       if (settings_.resend) {
@@ -535,7 +538,16 @@ class GigeServer::Implementation {
     packets.time = *last_time_;
     if (!faults_.frozen || frozen_.empty()) frozen_ = frame.gray;
     packets.id = static_cast<std::uint32_t>(frame.number % largest_id + 1);
-    packets.format = memory_.read(camera_register::pixel_format) == mono16 ? mono16 : mono8;
+    packets.format = wire_format(memory_.read(camera_register::pixel_format));
+    if (packets.format == nullptr) packets.format = wire_format("Mono8");
+    packets.has_chunks = memory_.read(camera_register::chunk_mode) != 0;
+    const auto offer = [&](std::uint32_t enable, std::uint32_t id, double number) {
+      if (packets.has_chunks && memory_.read(enable) != 0) packets.chunks.emplace_back(id, number);
+    };
+    offer(camera_register::chunk_enable, camera_chunk::exposure_id,
+          frame.exposure_us.value_or(memory_.real(camera_register::exposure)));
+    offer(camera_register::chunk_enable + 4, camera_chunk::gain_id,
+          frame.gain.value_or(memory_.real(camera_register::gain)));
     const cv::Size bin = binning();
     packets.offset = {part.x / bin.width, part.y / bin.height};
     packets.agreed = {part.width / bin.width, part.height / bin.height};
@@ -543,12 +555,14 @@ class GigeServer::Implementation {
     const std::size_t wanted = memory_.read(bootstrap::stream_packet_size) % 65536;
     constexpr std::size_t smallest_packet = 576, largest_packet = 65000;
     packets.block = std::clamp(wanted, smallest_packet, largest_packet) - packet_overhead;
-    const std::size_t bytes = static_cast<std::size_t>(packets.agreed.area()) * (packets.format == mono16 ? 2 : 1);
+    std::size_t bytes = packets.format->bytes(packets.agreed.width, packets.agreed.height);
+    if (packets.has_chunks)
+      bytes += camera_chunk::tag_size + packets.chunks.size() * (sizeof(double) + camera_chunk::tag_size);
     packets.blocks = (bytes + packets.block - 1) / packets.block;
     return packets;
   }
 
-  cv::Mat pixels_of(const ServedFrame& frame, const cv::Rect& part, const Packets& packets) {
+  std::vector<std::uint8_t> payload_of(const ServedFrame& frame, const cv::Rect& part, const Packets& packets) {
     // Of the thread that sends alone: nobody else touches the frozen picture.
     const cv::Mat1b& gray = frozen_.empty() ? frame.gray : frozen_;
     cv::Mat shown = gray(part);
@@ -561,12 +575,20 @@ class GigeServer::Implementation {
       shown = averaged;
     }
     shown = shown.rowRange(0, packets.agreed.height);
-    if (packets.format == mono16) {
-      cv::Mat wide;
-      shown.convertTo(wide, CV_16U, 257.0);
-      return wide;
+    std::vector<std::uint8_t> payload = widened(shown, *packets.format);
+    if (!packets.has_chunks) return payload;
+    const auto end_chunk = [&payload](std::uint32_t id, std::size_t size) {
+      payload.resize(payload.size() + camera_chunk::tag_size);
+      put32(&payload[payload.size() - 8], id);
+      put32(&payload[payload.size() - 4], static_cast<std::uint32_t>(size));
+    };
+    end_chunk(camera_chunk::image_id, payload.size());
+    for (const auto& [id, number] : packets.chunks) {
+      payload.resize(payload.size() + sizeof number);
+      put64(&payload[payload.size() - sizeof number], std::bit_cast<std::uint64_t>(number));
+      end_chunk(id, sizeof number);
     }
-    return shown.isContinuous() ? shown : shown.clone();
+    return payload;
   }
 
   /// Sends packets first..last of a frame, each lost with a probability.
@@ -578,7 +600,8 @@ class GigeServer::Implementation {
     std::array<std::array<std::uint8_t, header_size + 36>, batch> headers{};
     sockaddr_in address = to;
     std::bernoulli_distribution loses(lost);
-    const std::size_t bytes = packets.pixels.total() * packets.pixels.elemSize();
+    const std::size_t bytes = packets.payload.size();
+    const std::uint32_t kind = packets.has_chunks ? image_with_chunks : image;
     std::size_t filled = 0;
     const auto flush = [&] {
       for (std::size_t done = 0; done < filled;) {
@@ -597,10 +620,10 @@ class GigeServer::Implementation {
       std::size_t header_bytes = header_size;
       parts[filled][1] = {nullptr, 0};
       if (index == 0) {
-        header[4] = 1;          // leader
-        put16(&header[10], 1);  // an image
+        header[4] = 1;  // leader
+        put16(&header[10], kind);
         put64(&header[12], static_cast<std::uint64_t>(packets.time.count()));
-        put32(&header[20], packets.format);
+        put32(&header[20], packets.format->value);
         put32(&header[24], static_cast<std::uint32_t>(packets.agreed.width));
         put32(&header[28], static_cast<std::uint32_t>(packets.agreed.height));
         put32(&header[32], static_cast<std::uint32_t>(packets.offset.x));
@@ -608,13 +631,14 @@ class GigeServer::Implementation {
         header_bytes += 36;
       } else if (index == packets.blocks + 1) {
         header[4] = 2;  // trailer
-        put16(&header[10], 1);
+        put16(&header[10], kind);
         put32(&header[12], static_cast<std::uint32_t>(packets.agreed.height));
         header_bytes += 8;
       } else {
         header[4] = 3;  // payload
         const std::size_t begin = (index - 1) * packets.block;
-        parts[filled][1] = {packets.pixels.data + begin, std::min(packets.block, bytes - begin)};
+        parts[filled][1] = {const_cast<std::uint8_t*>(packets.payload.data()) + begin,
+                            std::min(packets.block, bytes - begin)};
       }
       parts[filled][0] = {header.data(), header_bytes};
       messages[filled].msg_hdr = {};

@@ -3,6 +3,7 @@
 #include <chrono>
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <string>
 
 #include <opencv2/core.hpp>
@@ -27,6 +28,8 @@ struct ServedFrame {
   cv::Mat1b gray;            ///< the whole sensor; must not be written any more
   std::uint64_t number = 0;  ///< the wire carries number % 65535 + 1; a gap is a lost frame to the client
   std::chrono::nanoseconds camera_time{0};  ///< mid-exposure by the camera's clock; reaches the client unchanged
+  std::optional<double> exposure_us = {};   ///< that it was taken with; without, what the client has set
+  std::optional<double> gain = {};          ///< dB
 };
 
 /// What the client has set. Before the first client: the settings of the server.

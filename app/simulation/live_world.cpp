@@ -77,7 +77,7 @@ void LiveWorld::expose() {
     const std::uint64_t number = taken++;
     if (!lost) {
       ServedFrame frame{renderer->render(exposure.exposure, exposure.noise_seed).gray, number,
-                        middle + camera_clock_ahead};
+                        middle + camera_clock_ahead, client.exposure_us, client.gain};
       const std::lock_guard lock(mutex_);
       pending_.push_back({std::move(frame), middle + latency});
       changed_.notify_all();

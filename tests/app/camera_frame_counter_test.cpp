@@ -27,6 +27,14 @@ TEST_CASE("a frame that is not newer than the last has no number") {
   CHECK(counter.number(11) == 11);
 }
 
+TEST_CASE("a frame that was not complete has a number, and is not counted") {
+  FrameCounter counter;
+  counter.number(65534);
+  CHECK(counter.would_be(1) == 65536);
+  CHECK(counter.would_be(65534) == std::nullopt);
+  CHECK(counter.number(65535) == 65535);
+}
+
 TEST_CASE("extended frame ids run on beyond 16 bits") {
   FrameCounter counter;
   CHECK(counter.number(65535) == 65535);

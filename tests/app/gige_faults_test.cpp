@@ -98,6 +98,42 @@ TEST_CASE("frames of the wrong size are counted and never shown") {
   CHECK(frame->frame.gray.size() == cv::Size(pair.served.width, pair.served.height));
 }
 
+TEST_CASE("every frame is counted once: as received, incomplete, or lost") {
+  const GigeServerSettings served = small_sensor();
+  const auto start = steady_clock::now();
+  GigeServer server(served);
+  const auto camera = open_gige(at_home(), start);
+  const cv::Mat1b gray = pattern(served.width, served.height, 3);
+  std::uint64_t number = 0;
+  // @return the newest frame's number when all have come through
+  const auto serve = [&](int frames) {
+    for (int i = 0; i < frames; ++i, std::this_thread::sleep_for(45ms))
+      server.publish({gray, ++number, steady_clock::now() - start});
+    std::this_thread::sleep_for(300ms);
+    std::uint64_t newest = 0;
+    while (const auto frame = camera->newest(0ns)) newest = frame->frame.number;
+    return newest;
+  };
+  const std::uint64_t first = serve(8);
+  const CameraHealth before = camera->health();
+  REQUIRE(first > 0);
+  // With 8 packets a frame: 0.2 breaks most, 0.75 loses one in ten whole.
+  for (const double ratio : {0.05, 0.2, 0.75}) {
+    server.lose_packets(ratio);
+    serve(ratio > 0.5 ? 6 : 30);
+    server.lose_packets(0.0);
+    serve(2);
+  }
+  const std::uint64_t last = serve(2);
+  const CameraHealth after = camera->health();
+  const std::uint64_t received = after.received - before.received;
+  const std::uint64_t incomplete = after.incomplete - before.incomplete;
+  const std::uint64_t lost = after.lost - before.lost;
+  CAPTURE(received, incomplete, lost, after.reconnects, after.restarts);
+  CHECK(incomplete > 10);
+  CHECK(received + incomplete + lost == last - first);
+}
+
 TEST_CASE("lost packets come again from a camera that offers it") {
   GigeServerSettings served = small_sensor();
   served.resend = true;
@@ -142,9 +178,11 @@ TEST_CASE("exposure and gain are changed while it streams, within the camera's b
   CHECK(wait_until(1000ms, [&] { return pair.server.client().gain == 24.0; }));
 }
 
-TEST_CASE("pixels of 16 bits come as their upper 8") {
+TEST_CASE("pixels of 10, 12 and 16 bits, packed or not, come as their upper 8") {
   GigeSettings wanted = at_home();
-  wanted.pixel_format = "Mono16";
+  const std::string format = GENERATE("Mono10", "Mono10Packed", "Mono12", "Mono12Packed", "Mono16");
+  CAPTURE(format);
+  wanted.pixel_format = format;
   Pair pair(small_sensor(), wanted);
   for (int i = 0; i < 15; ++i) {  // more than the pool holds
     const auto frame = pair.fresh();
@@ -154,6 +192,44 @@ TEST_CASE("pixels of 16 bits come as their upper 8") {
   }
   wanted.pixel_format = "Mono7";
   CHECK_THROWS_AS(open_gige(wanted, steady_clock::now()), Failure);
+}
+
+TEST_CASE("with chunk data each frame tells the exposure and gain that it was taken with") {
+  GigeSettings wanted = at_home();
+  wanted.chunks = true;
+  wanted.exposure_us = 4000.0;
+  const std::string format = GENERATE("Mono8", "Mono12Packed");
+  wanted.pixel_format = format;
+  const GigeServerSettings served = small_sensor();
+  const auto start = steady_clock::now();
+  GigeServer server(served);
+  auto camera = open_gige(wanted, start);
+  CHECK(camera->actual().notes.empty());
+  const cv::Mat1b gray = pattern(served.width, served.height, 3);
+  int told = 0;
+  for (std::uint64_t number = 1; number <= 20; ++number) {
+    // Of each frame another one, as with automatic exposure; none is what the client has set.
+    server.publish({gray, number, steady_clock::now() - start, 1000.0 + static_cast<double>(number), 0.5});
+    const auto frame = wait_for_frame(*camera, 300ms);
+    if (!frame) continue;  // the first one of a stream
+    ++told;
+    CHECK(frame->exposure_us == 999.0 + static_cast<double>(frame->frame.number));  // numbers begin at 2
+    CHECK(frame->gain == 0.5);
+    CHECK(equal(frame->frame.gray, gray));
+  }
+  CHECK(told >= 15);
+  // The next client wants none, and finds the camera as this one left it.
+  camera.reset();
+  wanted.chunks = false;
+  camera = open_gige(wanted, start);
+  std::optional<CameraFrame> plain;
+  for (std::uint64_t number = 21; number <= 30 && !plain; ++number) {
+    server.publish({gray, number, steady_clock::now() - start, 1.0, 0.5});
+    plain = wait_for_frame(*camera, 300ms);
+  }
+  REQUIRE(plain);
+  CHECK(plain->exposure_us == 4000.0);
+  CHECK(equal(plain->frame.gray, gray));
 }
 
 TEST_CASE("PTP is switched on where the camera has it, and its status is told") {

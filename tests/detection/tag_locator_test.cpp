@@ -1,5 +1,9 @@
 #include "detection/tag_locator.h"
 
+#include <cstring>
+#include <sys/mman.h>
+#include <unistd.h>
+
 #include <catch2/catch.hpp>
 
 #include "detection/tag_pattern.h"
@@ -46,6 +50,46 @@ TagLocatorConfig by(CornerMethod method) {
   TagLocatorConfig config;
   config.method = method;
   return config;
+}
+
+/// Memory that ends the process when somebody reads before or behind it, filled with one byte.
+class FencedMemory {
+ public:
+  FencedMemory(std::size_t size, int filling) : size_((size + page() - 1) / page() * page()) {
+    memory_ = static_cast<unsigned char*>(
+        ::mmap(nullptr, size_ + 2 * page(), PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0));
+    REQUIRE(memory_ != MAP_FAILED);
+    std::memset(begin(), filling, size_);
+    REQUIRE(::mprotect(memory_, page(), PROT_NONE) == 0);
+    REQUIRE(::mprotect(end(), page(), PROT_NONE) == 0);
+  }
+  ~FencedMemory() { ::munmap(memory_, size_ + 2 * page()); }
+  FencedMemory(const FencedMemory&) = delete;
+  FencedMemory& operator=(const FencedMemory&) = delete;
+  [[nodiscard]] unsigned char* begin() const { return memory_ + page(); }
+  [[nodiscard]] unsigned char* end() const { return begin() + size_; }
+
+ private:
+  static std::size_t page() { return static_cast<std::size_t>(::sysconf(_SC_PAGESIZE)); }
+  std::size_t size_;
+  unsigned char* memory_ = nullptr;
+};
+
+/// Every number of a sighting, to the last bit.
+std::vector<double> numbers(const Sighting& sighting) {
+  const BoardSighting& seen = std::get<BoardSighting>(sighting);
+  std::vector<double> all{seen.reprojection_rms_px, seen.chi2_per_coordinate, seen.log_odds, double(seen.followed)};
+  const auto append = [&all](const auto& matrix) {
+    all.insert(all.end(), matrix.data(), matrix.data() + matrix.size());
+  };
+  append(seen.T_camera_station.matrix());
+  append(seen.covariance);
+  for (const RefinedTag& tag : seen.tags) {
+    for (const Eigen::Vector2d& corner : tag.corners_px) append(corner);
+    append(tag.covariance_px2);
+    all.insert(all.end(), {double(tag.id), tag.margin, tag.residual_rms, tag.blur_px});
+  }
+  return all;
 }
 
 double distance(const Eigen::Isometry3d& a, const Eigen::Isometry3d& b) {
@@ -183,6 +227,36 @@ TEST_CASE("the words of corner methods lead back to the methods") {
        {CornerMethod::apriltag, CornerMethod::tanh, CornerMethod::filter, CornerMethod::erf, CornerMethod::best})
     CHECK(corner_method(std::string(word(method))) == method);
   CHECK_FALSE(corner_method("fast").has_value());
+}
+
+TEST_CASE("where a picture lies in memory and what is around it changes no bit of a sighting") {
+  // A live picture lies in memory that is shared with the camera's process, a replayed one in the heap.
+  const Station station({-2.5, 0.1, radians(3.0)});
+  const Frame heap = station.frame(45);
+  const std::size_t size = heap.gray.total();
+  Eigen::Isometry3d near = station.T_camera_station;
+  near.translation() += Eigen::Vector3d(0.02, 0.0, 0.03);
+  Eigen::Isometry3d beside = station.T_camera_station;  // nothing is followed from here, a region is searched
+  beside.translation() += Eigen::Vector3d(0.4, 0.0, 0.4);
+  const std::vector<std::optional<Eigen::Isometry3d>> predictions{std::nullopt, near, beside};
+  for (const CornerMethod method : {CornerMethod::apriltag, CornerMethod::filter, CornerMethod::best}) {
+    const TagLocator locator(station.rig, station.board, by(method));
+    for (std::size_t p = 0; p < predictions.size(); ++p) {
+      const std::vector<double> wanted = numbers(locator.locate(heap, predictions[p]));
+      for (const int filling : {0, 255}) {
+        const FencedMemory memory(size + 64, filling);
+        for (unsigned char* place : {memory.begin(), memory.begin() + 1, memory.begin() + 24, memory.end() - size}) {
+          CAPTURE(word(method), p, filling, place - memory.begin());
+          std::memcpy(place, heap.gray.data, size);
+          const Frame there{cv::Mat1b(heap.gray.rows, heap.gray.cols, place), heap.time, heap.number};
+          const std::vector<double> seen = numbers(locator.locate(there, predictions[p]));
+          CHECK((seen.size() == wanted.size() &&
+                 std::memcmp(seen.data(), wanted.data(), wanted.size() * sizeof(double)) == 0));
+          std::memset(place, filling, size);
+        }
+      }
+    }
+  }
 }
 
 }  // namespace tagdock

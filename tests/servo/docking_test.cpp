@@ -267,7 +267,6 @@ TEST_CASE("a camera that dies while the robot drives: held within 250 ms, given 
       if (!died && name(docker.phase()) == phase && world.velocity().linear > 0.1) died = tick.now;
       if (!died) return;
       tick.sighting.reset();
-      tick.camera = CameraState::lost;
       tick.camera_sentence = "the stream ended";
       // Held after 250 ms beyond the declared 80 ms; one frame period and the drive's response later it stands.
       if (tick.now - *died > milliseconds(1200) && tick.now - *died < milliseconds(2500)) {
@@ -282,6 +281,27 @@ TEST_CASE("a camera that dies while the robot drives: held within 250 ms, given 
     REQUIRE(died);
     CHECK(outcome.time - *died < milliseconds(5600));
     check_promises(outcome, test_config());
+  }
+}
+
+TEST_CASE(
+    "frames that stay away while a path is driven: the path waits for the robot, which docks at the first attempt") {
+  for (const int missing_ms : {1000, 2000, 4000}) {
+    CAPTURE(missing_ms);
+    for (unsigned seed = 2; seed < 5; ++seed) {
+      CAPTURE(seed);
+      std::optional<nanoseconds> gone;
+      const Fault fault = [&](Tick& tick, PlanarWorld& world, const Docker& docker) {
+        if (!gone && name(docker.phase()) == "following" && world.velocity().linear > 0.19) gone = tick.now;
+        if (gone && tick.now - *gone < milliseconds(missing_ms)) tick.sighting.reset();
+      };
+      const Outcome outcome = docking(seed, fault);
+      INFO(story(outcome));
+      CHECK(gone);
+      CHECK(name(outcome.phase) == "docked");
+      CHECK(job_of(outcome.phase).attempts == 1);
+      check_promises(outcome, test_config());
+    }
   }
 }
 
@@ -494,6 +514,60 @@ TEST_CASE("paused in any phase the robot stands, resumed it docks") {
   }
 }
 
+TEST_CASE("paused on the way out of the station the robot goes on out of it, and is not asked whether it is docked") {
+  DockingConfig config = test_config();
+  config.errand = Errand::undock;
+  std::optional<nanoseconds> paused;
+  const Fault fault = [&](Tick& tick, PlanarWorld& world, const Docker& docker) {
+    if (!paused && name(docker.phase()) == "undocking" && world.velocity().linear < -0.05 && world.pose().x < -1.8) {
+      paused = tick.now;
+      tick.request = Request::pause;
+    }
+    if (paused && tick.now - *paused == milliseconds(3000)) tick.request = Request::resume;
+  };
+  const Outcome outcome = docking(10, fault, config, {}, goal_of_axle(config));
+  INFO(story(outcome));
+  CHECK(outcome.phases == std::vector<std::string>{"acquiring", "undocking", "paused", "undocking", "undocked"});
+  check_promises(outcome, config);
+}
+
+TEST_CASE("paused on the way to the safe pose the robot still gives up there, and keeps what it measured") {
+  DockingConfig config = test_config();
+  config.fix.tolerance_y = 1e-6;
+  config.back_off.safe_pose = true;
+  config.back_off.retries = 0;
+  std::optional<nanoseconds> paused;
+  const Fault fault = [&](Tick& tick, PlanarWorld& world, const Docker& docker) {
+    if (!paused && name(docker.phase()) == "backing off" && world.velocity().linear < -0.05) {
+      paused = tick.now;
+      tick.request = Request::pause;
+    }
+    if (paused && tick.now - *paused == milliseconds(3000)) tick.request = Request::resume;
+  };
+  const Outcome outcome = docking(8, fault, config);
+  INFO(story(outcome));
+  REQUIRE(outcome.phases.size() > 4);
+  CHECK(std::vector<std::string>(outcome.phases.end() - 4, outcome.phases.end()) ==
+        std::vector<std::string>{"backing off", "paused", "backing off", "failed"});
+  CHECK(cause_of(outcome) == Cause::outside_tolerance);
+  CHECK(outcome.true_error.x == Approx(1.0 - config.back_off.camera_distance).margin(0.03));
+  REQUIRE(std::get<Failed>(outcome.phase).fix);
+  CHECK(std::abs(std::get<Failed>(outcome.phase).fix->error.y) < 0.010);
+}
+
+TEST_CASE("paths that can only be driven blind, and never end on the line, come to an end") {
+  DockingConfig config = test_config();
+  config.entry.lateral_left = 1e-9;  // no entry is ever good
+  config.planner = [&](const Pose2& from, const Pose2& to) -> std::variant<Path, std::string> {
+    if (to.x < goal_of_axle(config).x - 0.3) return std::string("no room");
+    return s_curve(from, to);
+  };
+  const Outcome outcome = docking(8, {}, config);
+  INFO(story(outcome));
+  CHECK(cause_of(outcome) == Cause::no_plan);
+  CHECK(std::count(outcome.phases.begin(), outcome.phases.end(), "following") <= 1 + config.back_off.retries);
+}
+
 TEST_CASE("cancelled: failed with that reason, the robot at rest") {
   const Fault fault = [](Tick& tick, PlanarWorld& world, const Docker&) {
     if (world.pose().x > -2.5) tick.request = Request::cancel;
@@ -574,6 +648,7 @@ TEST_CASE("settings that cannot work are refused with a sentence that names them
   CHECK(refusal([](DockingConfig& config) { config.dock_pose.x = 1.0; }).find("docking pose") != std::string::npos);
   CHECK(refusal([](DockingConfig& config) { config.dock_pose.x = -0.4; }).find("view") != std::string::npos);
   CHECK(refusal([](DockingConfig& config) { config.segments.damping = 0.0; }).find("segments.damping") == 0);
+  CHECK(refusal([](DockingConfig& config) { config.entry.min_run_in = 2.0; }).find("run_in.least_m") == 0);
 }
 
 TEST_CASE("the table of phases has every phase, and only phases that exist") {
