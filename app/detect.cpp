@@ -28,6 +28,7 @@
 #include "app/explanation.h"
 #include "app/failure.h"
 #include "app/image_file.h"
+#include "app/output_file.h"
 #include "app/verbs.h"
 #include "detection/photometric_refiner.h"
 #include "detection/tag_locator.h"
@@ -306,7 +307,7 @@ nlohmann::json json_tag(const Found& found) {
 /// Annotated pictures in one folder, named after their images; two images of one name get a number.
 class Album {
  public:
-  explicit Album(const std::string& folder) : folder_(folder) {
+  Album(const std::string& folder, std::vector<std::string> inputs) : folder_(folder), inputs_(std::move(inputs)) {
     if (folder.empty()) return;
     std::error_code error;
     std::filesystem::create_directories(folder_, error);
@@ -326,6 +327,7 @@ class Album {
     std::string name = stem;
     for (int copy = 2; !used_.insert(name).second; ++copy) name = stem + "-" + std::to_string(copy);
     const std::filesystem::path file = folder_ / (name + ".png");
+    check_not_an_input("--annotate", file, inputs_);
     bool written = false;
     try {
       written = cv::imwrite(file.string(), annotated(gray, tags, seen.camera));
@@ -337,6 +339,7 @@ class Album {
 
  private:
   std::filesystem::path folder_;
+  std::vector<std::string> inputs_;  ///< what must not be written over
   std::set<std::string> used_;
 };
 
@@ -475,7 +478,10 @@ int detect_images(const DetectOptions& options, std::ostream& out) {
   const std::vector<Job> jobs = jobs_of(options);
   Detectors detectors(options);
   for (const Job& job : jobs) (void)detectors.of(job.family);  // a wrong family is known before the work begins
-  Album album(options.annotate);
+  std::vector<std::string> inputs{options.list, options.camera, options.sizes};
+  for (const Job& job : jobs) inputs.push_back(job.file.string());
+  check_not_an_input("--output", options.output, inputs);
+  Album album(options.annotate, std::move(inputs));
   Report report(options, out);
 
   bool all_read = true;

@@ -20,6 +20,7 @@
 #include "app/failure.h"
 #include "app/fields.h"
 #include "app/operator_input.h"
+#include "app/output_file.h"
 #include "app/phase_picture.h"
 #include "app/recording.h"
 #include "app/rig_file.h"
@@ -417,15 +418,6 @@ void write_file(const std::string& file, const std::string& text, const std::str
   if (!stream) throw Failure(ExitCode::usage, option + " " + file + ": cannot be written");
 }
 
-// Whether it can be written, asked before anything moves; a file that is there keeps what is in it.
-void check_writable(const std::string& file, const std::string& option) {
-  if (file.empty()) return;
-  const bool was_there = std::filesystem::exists(file);
-  if (!std::ofstream(file, std::ios::binary | std::ios::app))
-    throw Failure(ExitCode::usage, option + " " + file + ": cannot be written");
-  if (!was_there) std::filesystem::remove(file);
-}
-
 // After a docking a file that cannot be written is said, and does not change what the docking came to.
 void try_write_file(const std::string& file, const std::string& text, const std::string& option) {
   if (file.empty()) return;
@@ -455,6 +447,7 @@ int dock(const DockOptions& options) {
       write_file(options.phases, picture, "--phases");
     return static_cast<int>(ExitCode::done);
   }
+  if (options.write_config != "-") check_new("--write-config", options.write_config);
   Config config = configuration(options);
   if (!options.write_config.empty()) {
     if (options.write_config == "-")
@@ -463,8 +456,11 @@ int dock(const DockOptions& options) {
       write_file(options.write_config, to_yaml(config), "--write-config");
     return static_cast<int>(ExitCode::done);
   }
-  check_writable(options.report, "--report");
-  check_writable(options.picture, "--picture");
+  if (!options.report.empty() && std::filesystem::path(options.report).lexically_normal() ==
+                                     std::filesystem::path(options.picture).lexically_normal())
+    throw Failure(ExitCode::usage, "--report and --picture are both " + options.report + "; name two files");
+  check_writable("--report", options.report);
+  check_writable("--picture", options.picture);
   Devices devices = open_devices(config, {options.seed, options.speedup});
   config.rig.camera = devices.camera_model;
   adapt_to_coarse_frames(config, devices.binning);

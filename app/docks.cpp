@@ -7,6 +7,7 @@
 
 #include "app/dock_database.h"
 #include "app/failure.h"
+#include "app/output_file.h"
 #include "app/verbs.h"
 
 namespace tagdock {
@@ -49,15 +50,19 @@ std::string json_of(const std::vector<DockEntry>& docks) {
 void add_docks(CLI::App& program, Action& action) {
   CLI::App* verb = program.add_subcommand("docks", "Docks of this robot, from and to the dock database of Nav2.");
   verb->require_subcommand(1);
-  const auto add = [&](const char* name, const char* what, const char* file, auto read, auto write) {
+  // Ours may hold boards and docking poses that a person added: an import does not write over it.
+  const auto add = [&](const char* name, const char* what, const char* file, bool keeps_additions, auto read,
+                       auto write) {
     auto options = std::make_shared<DocksOptions>();
     CLI::App* one = verb->add_subcommand(name, what);
     one->add_option("file", options->file, file)->required();
     one->add_option("--output", options->output, "file to write; stdout without");
     one->add_flag("--json", options->json,
                   "the docks as one JSON object on stdout, m and rad; with --output beside it");
-    one->callback([options, read, write, &action] {
-      action = [options, read, write] {
+    one->callback([=, &action] {
+      action = [=] {
+        check_not_an_input("--output", options->output, {options->file});
+        if (keeps_additions) check_new("--output", options->output);
         const std::vector<DockEntry> docks = read(options->file);
         if (!options->json || !options->output.empty()) deliver(write(docks), options->output);
         if (options->json) std::cout << json_of(docks);
@@ -65,9 +70,9 @@ void add_docks(CLI::App& program, Action& action) {
       };
     });
   };
-  add("import", "Nav2's dock database to ours.", "Nav2's: docks: {NAME: {type, frame, pose: [x, y, yaw], id}}",
+  add("import", "Nav2's dock database to ours.", "Nav2's: docks: {NAME: {type, frame, pose: [x, y, yaw], id}}", true,
       read_nav2_docks, docks_yaml);
-  add("export", "Our docks as Nav2's dock database.", "ours, as import writes it", read_docks, nav2_docks);
+  add("export", "Our docks as Nav2's dock database.", "ours, as import writes it", false, read_docks, nav2_docks);
   verb->footer(
       "Examples:\n  tagdock docks import nav2_docks.yaml --output docks.yaml\n"
       "  tagdock docks export docks.yaml --output nav2_docks.yaml\n"

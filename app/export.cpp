@@ -18,6 +18,7 @@
 #include "app/failure.h"
 #include "app/frame_source.h"
 #include "app/mcap_file.h"
+#include "app/output_file.h"
 #include "app/png_file.h"
 #include "app/session.h"
 #include "app/verbs.h"
@@ -276,6 +277,10 @@ int export_frames(const ExportOptions& options) {
     throw Failure(ExitCode::usage, "nothing to do: name at least one of --euroc, --tum, --mp4, --mcap");
   if (!(options.rate > 0.0 && options.rate <= 1e4))
     throw Failure(ExitCode::usage, "--rate must be between 0 and 10000 pictures a second");
+  check_new("--mp4", options.mp4);
+  check_new("--mcap", options.mcap);
+  if (!options.mp4.empty() && fs::path(options.mp4).extension() != ".mp4")
+    throw Failure(ExitCode::usage, "--mp4 " + options.mp4 + ": its name must end in .mp4");
   FrameSource source = open_frames(options.source, options.rate);
   for (const std::string& remark : source.remarks) std::cerr << "export: " << remark << "\n";
   std::optional<Session> session;

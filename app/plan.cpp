@@ -15,6 +15,7 @@
 #include <nlohmann/json.hpp>
 
 #include "app/failure.h"
+#include "app/output_file.h"
 #include "app/plan_picture.h"
 #include "app/verbs.h"
 #include "planning/docking_plan.h"
@@ -437,6 +438,7 @@ Columns columns_of(std::string_view header, const std::string& file) {
 int plan_batch(const PlanArguments& arguments, Mode mode, DockingPlanConfig config) {
   config.list_candidates = false;
   config.find_cures = arguments.as_json;  // the CSV has no room for them
+  check_not_an_input("--output", arguments.output, {arguments.batch});
   std::ifstream in(arguments.batch);
   if (!in) throw Failure(ExitCode::usage, "cannot read " + arguments.batch + ": " + std::strerror(errno));
   std::string line;

@@ -17,6 +17,7 @@
 #include "app/detect.h"
 #include "app/failure.h"
 #include "app/frame_source.h"
+#include "app/output_file.h"
 #include "app/png_file.h"
 #include "app/replay_difference.h"
 #include "app/rig_file.h"
@@ -121,7 +122,6 @@ int replay_session(const ReplayOptions& options, const Session& session) {
     throw Failure(ExitCode::usage, "--compare: this recording has no control cycle, so nothing that could be compared");
   const ReplayDifference made = difference(session, result);
   if (!options.output.empty()) {
-    std::filesystem::create_directories(options.output);
     write_stream(options.output, SessionStream::sightings, "sightings.csv", result.sighting_lines);
     write_stream(options.output, SessionStream::commands, "commands.csv", result.command_lines);
     write_stream(options.output, SessionStream::phases, "phases.csv", result.phase_lines);
@@ -193,7 +193,6 @@ std::vector<std::string> board_sightings(const ReplayOptions& options, const Rig
 
 void show_sightings(const ReplayOptions& options, const std::vector<std::string>& lines) {
   if (!options.output.empty()) {
-    std::filesystem::create_directories(options.output);
     write_stream(options.output, SessionStream::sightings, "sightings.csv", lines);
     return;
   }
@@ -343,7 +342,6 @@ int replay_images(const ReplayOptions& options) {
   detect.json = options.json;
   const std::filesystem::path folder = options.output;
   if (!options.output.empty()) {
-    std::filesystem::create_directories(folder);
     detect.output = (folder / (options.json ? "tags.json" : "tags.csv")).string();
     detect.annotate = options.output;
   }
@@ -372,6 +370,8 @@ int replay_any(const ReplayOptions& options) {
   if (!options.method.empty() && !corner_method(options.method))
     throw Failure(ExitCode::usage,
                   "--method is " + options.method + "; it must be one of apriltag tanh filter erf best");
+  make_result_folder("--output", options.output,
+                     {"sightings.csv", "commands.csv", "phases.csv", "tags.csv", "tags.json"});
   const bool session = std::filesystem::is_regular_file(std::filesystem::path(options.folder) / "session.yaml");
   if (!session) return replay_images(options);
   const Session read = read_session(options.folder);

@@ -180,6 +180,40 @@ TEST_CASE("what was taught at one docking pose is not said of another pose or bo
   CHECK(taught(" --docks " + docks + " --dock same"));
 }
 
+TEST_CASE("nothing that is read, and no earlier result, is written over", "[quick]") {
+  const Scratch scratch;
+  const auto refused = [&](const std::string& arguments, const std::string& file) {
+    const std::string before = contents(scratch.folder / file);
+    const Run one = run(scratch, arguments);
+    CAPTURE(arguments, one.err);
+    CHECK(one.code == 2);
+    CHECK_THAT(one.err, Contains(file));
+    CHECK(contents(scratch.folder / file) == before);
+  };
+  const std::string queries =
+      scratch.write("queries.csv", "id,sx,sy,sth,gx,gy,gth,kappa_max,sigma_max\n1,0,0,0,4,1,0,1,1\n");
+  std::filesystem::create_symlink(queries, scratch.folder / "same.csv");
+  refused("plan --batch " + queries + " --output " + queries, "queries.csv");
+  refused("plan --batch " + queries + " --output " + scratch.path("same.csv"), "same.csv");
+  const std::string list = scratch.write("list.csv", "image\na.pgm\n");
+  scratch.write("a.pgm", "P5\n1 1\n255\nx");
+  refused("detect --list " + list + " --output " + list, "list.csv");
+  refused("detect " + scratch.path("a.pgm") + " --output " + scratch.path("a.pgm"), "a.pgm");
+  const std::string nav2 = scratch.write("nav2.yaml", "docks:\n  home: {pose: [1.5, -2.0, 0.5]}\n");
+  refused("docks import " + nav2 + " --output " + nav2, "nav2.yaml");
+  const std::string docks = scratch.path("docks.yaml");
+  REQUIRE(run(scratch, "docks import " + nav2 + " --output " + docks).code == 0);
+  refused("docks import " + nav2 + " --output " + docks, "docks.yaml");
+  refused("docks export " + docks + " --output " + docks, "docks.yaml");
+  refused("dock --write-config " + scratch.write("dock.yaml", few_frames), "dock.yaml");
+  refused("dock --report " + scratch.path("x") + " --picture " + scratch.folder.string() + "/./x", "x");
+  refused("export " + scratch.folder.string() + " --mcap " + scratch.write("old.mcap", "old"), "old.mcap");
+  std::filesystem::create_directories(scratch.folder / "seen");
+  scratch.write("seen/tags.csv", "old");
+  refused("replay " + scratch.folder.string() + " --output " + scratch.path("seen"), "tags.csv");
+  CHECK(run(scratch, "replay " + scratch.folder.string() + " --output /proc/nowhere").code == 2);
+}
+
 TEST_CASE("docks are also told as JSON", "[quick]") {
   const Scratch scratch;
   const std::string nav2 = scratch.write("nav2.yaml", "docks:\n  home: {frame: map, pose: [1.5, -2.0, 0.5]}\n");
@@ -312,7 +346,7 @@ TEST_CASE("a recording without a docking is replayed, exported, and read again f
   const std::string count = std::to_string(frames) + " frames of ";
   for (const char* kind : {"euroc", "tum", "walk.mp4"}) {
     const Run again =
-        run(scratch, std::string("export ") + scratch.path(kind) + " --mcap " + scratch.path("again.mcap"));
+        run(scratch, std::string("export ") + scratch.path(kind) + " --mcap " + scratch.path(kind) + ".mcap");
     INFO(again.err);
     CHECK(again.code == 0);
     CHECK_THAT(again.out, Contains(count));
