@@ -289,7 +289,9 @@ void add_camera_sim(CLI::App& program, Action& action) {
       ->capture_default_str();
   add_ros2_options(*verb, options->domain, options->name_space, options->remaps);
   verb->add_option("--seed", options->seed, "world and malformed datagrams: seed")->capture_default_str();
-  verb->add_option("--seconds", options->seconds, "end after this time; 0 never")->capture_default_str();
+  verb->add_option("--seconds", options->seconds, "end after this time; 0 never")
+      ->check(CLI::NonNegativeNumber)
+      ->capture_default_str();
   verb->add_flag("--json", options->json, "status as JSON");
   verb->footer("Commands, as --fault or typed as lines while it runs:\n" + fault_words() +
                "Examples:\n  tagdock camera-sim world --fault \"5 lose 0.001\" --fault \"20 die\"\n"

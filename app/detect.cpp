@@ -471,7 +471,9 @@ int detect_images(const DetectOptions& options, std::ostream& out) {
   const std::optional<CornerMethod> method = corner_method(options.method);
   if (!method) refuse("--method " + options.method + " is unknown; known are apriltag, tanh, filter, erf, best");
   if (options.images.empty() && options.list.empty()) refuse("detect needs images or --list FILE.csv");
-  if (!(options.tag_size >= 0.0 && std::isfinite(options.tag_size))) refuse("--tag-size must be positive, in m");
+  constexpr double largest_tag = 10.0;  // m; who gives more means mm
+  if (!(options.tag_size >= 0.0 && options.tag_size <= largest_tag))
+    refuse("--tag-size is the side of the black square in m, above 0 and at most 10");
   const std::optional<CameraFile> camera =
       options.camera.empty() ? std::nullopt : std::optional(CameraFile::load(options.camera));
   const std::map<int, double> sizes = sizes_of(options.sizes);

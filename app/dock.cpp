@@ -491,7 +491,7 @@ namespace {
 void add_options_of_both(CLI::App* verb, const std::shared_ptr<DockOptions>& options) {
   verb->add_option("--config", options->config, "configuration (YAML); unknown keys are refused");
   verb->add_option("--camera", options->camera, "sim, gige:127.x.y.z, gige:SERIAL or images:DIR");
-  verb->add_option("--robot", options->robot, "sim, ros2 or none");
+  verb->add_option("--robot", options->robot, "sim, ros2 or none")->check(CLI::IsMember({"sim", "ros2", "none"}));
   add_ros2_options(*verb, options->domain, options->name_space, options->remaps);
   verb->add_option("--rig", options->rig, "rig file: camera, T_base_cam, odometry; overrides the configuration's");
   verb->add_option("--board", options->board, "board file: family and tags; overrides the configuration's");
@@ -502,12 +502,16 @@ void add_options_of_both(CLI::App* verb, const std::shared_ptr<DockOptions>& opt
                    "X,Y,YAW_DEG of the camera point in the station frame, X negative: before the wall");
   verb->add_option("--scenario", options->scenario, "simulation: the world (YAML, see data/scenarios)");
   verb->add_option("--method", options->method, "how corners are made: apriltag tanh filter erf best");
-  verb->add_option("--record", options->record, "write a session folder there; it must not exist or be empty");
+  CLI::Option* record =
+      verb->add_option("--record", options->record, "write a session folder there; it must not exist or be empty");
   verb->add_flag("--compress", options->compress,
-                 "with --record: frames as PNG, half the disk for a quarter of a processor");
+                 "with --record: frames as PNG, half the disk for a quarter of a processor")
+      ->needs(record);
   verb->add_option("--station", options->station, "off; the station page comes with a later version")
       ->capture_default_str();
-  verb->add_option("--seed", options->seed, "simulation: seed of start pose, slip and noise")->capture_default_str();
+  verb->add_option("--seed", options->seed, "simulation: seed of start pose, slip and noise")
+      ->check(CLI::NonNegativeNumber)
+      ->capture_default_str();
   verb->add_option("--speedup", options->speedup,
                    "simulation: frames in-process, this many times faster than real; 0 as fast as it can");
   verb->add_option("--report", options->report, "write what the docking came to, as JSON");

@@ -1,10 +1,13 @@
 // Dispatches to a verb, catches once, sets the exit code; nothing else.
+#include <algorithm>
 #include <exception>
 #include <iostream>
 #include <string>
+#include <vector>
 
 #include "app/cameras/gige_process.h"
 #include "app/failure.h"
+#include "app/nearest_word.h"
 #include "app/verbs.h"
 
 int main(int argc, char** argv) {
@@ -28,6 +31,17 @@ int main(int argc, char** argv) {
   add_record(program, action);
   add_export(program, action);
   add_camera_sim(program, action);
+  program.failure_message([](const CLI::App* app, const CLI::Error& error) {
+    return "tagdock: " + CLI::FailureMessage::simple(app, error);
+  });
+  std::vector<std::string> verbs;
+  for (const CLI::App* verb : program.get_subcommands({})) verbs.push_back(verb->get_name());
+  if (argc > 1 && argv[1][0] != '-' && std::find(verbs.begin(), verbs.end(), argv[1]) == verbs.end()) {
+    const std::string nearest = nearest_word(argv[1], verbs);
+    std::cerr << "tagdock: there is no verb " << argv[1] << (nearest.empty() ? "" : "; did you mean " + nearest + "?")
+              << "\nRun with --help for the verbs.\n";
+    return static_cast<int>(ExitCode::usage);
+  }
   try {
     program.parse(argc, argv);
     return action();

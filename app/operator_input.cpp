@@ -2,6 +2,7 @@
 
 #include <array>
 #include <cerrno>
+#include <iostream>
 #include <poll.h>
 #include <termios.h>
 #include <unistd.h>
@@ -19,6 +20,8 @@ Request by_word(const std::string& word) {
   if (word == "resume") return Request::resume;
   if (word == "cancel") return Request::cancel;
   if (word == "stop") return Request::stop;
+  if (!word.empty())
+    std::cerr << "operator: " << word.substr(0, 40) << " is not known; the words are pause, resume, cancel and stop\n";
   return Request::none;
 }
 

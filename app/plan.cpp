@@ -613,7 +613,8 @@ void add_plan(CLI::App& program, Action& action) {
   verb->add_option("--as", arguments->as, "clothoids, or arcs of constant curvature")
       ->capture_default_str()
       ->check(CLI::IsMember({"clothoids", "arcs"}));
-  verb->add_option("--arc-steps", arguments->arc_steps, "arcs per ramp (5 if nothing is asked for)");
+  verb->add_option("--arc-steps", arguments->arc_steps, "arcs per ramp (5 if nothing is asked for)")
+      ->check(CLI::Range(1, 1000));
   verb->add_option("--arc-deviation", arguments->arc_deviation, "largest distance from the clothoid path, m");
   verb->add_option("--arc-curvature-step", arguments->arc_curvature_step,
                    "largest jump of curvature between arcs, 1/m");

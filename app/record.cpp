@@ -106,13 +106,17 @@ void add_record(CLI::App& program, Action& action) {
       program.add_subcommand("record", "Records what the camera sees, and odometry, without docking; Ctrl-C ends it.");
   verb->add_option("folder", options->folder, "session folder to write; it must not exist or be empty")->required();
   verb->add_option("--camera", options->camera, "sim, gige:127.x.y.z, gige:SERIAL or images:DIR");
-  verb->add_option("--robot", options->robot, "where odometry comes from: none or sim")->capture_default_str();
+  verb->add_option("--robot", options->robot, "where odometry comes from: none or sim")
+      ->check(CLI::IsMember({"none", "sim"}))
+      ->capture_default_str();
   verb->add_option("--config", options->config, "configuration (YAML): camera settings, rig");
   verb->add_option("--rig", options->rig, "rig file; overrides the configuration's");
-  verb->add_option("--seconds", options->seconds, "end after this time; 0 at Ctrl-C")->capture_default_str();
+  verb->add_option("--seconds", options->seconds, "end after this time; 0 at Ctrl-C")
+      ->check(CLI::NonNegativeNumber)
+      ->capture_default_str();
   verb->add_option("--frames", options->frames, "end after so many frames; 0 never")->capture_default_str();
   verb->add_flag("--compress", options->compress, "PNG instead of PGM: half the disk, a quarter of a processor");
-  verb->add_option("--seed", options->seed, "simulation: seed")->capture_default_str();
+  verb->add_option("--seed", options->seed, "simulation: seed")->check(CLI::NonNegativeNumber)->capture_default_str();
   verb->add_flag("--json", options->json, "the count as JSON");
   verb->footer(
       "A recording does not begin with less than 2 GB free and ends, with a warning, at 500 MB.\n"

@@ -118,6 +118,10 @@ int replay_session(const ReplayOptions& options, const Session& session) {
           what = outputs.sighting_line->substr(0, 90) + "  command " + outputs.command_line;
         return pace.at(std::chrono::duration<double>(inputs.now).count(), what);
       });
+  if (!result.ended_early && !session.ticks.empty() && options.from > 0.0 &&
+      std::chrono::duration<double>(session.ticks.back().time).count() < options.from)
+    throw Failure(ExitCode::usage, "--from is after the end of the recording, which is " +
+                                       std::to_string(session.ticks.back().time.count() / 1'000'000'000) + " s long");
   if (options.compare && result.cycles == 0)
     throw Failure(ExitCode::usage, "--compare: this recording has no control cycle, so nothing that could be compared");
   const ReplayDifference made = difference(session, result);
@@ -391,9 +395,10 @@ void add_replay(CLI::App& program, Action& action) {
   verb->add_flag("--compare", options->compare,
                  "succeed only if every sighting, phase and command is as it was recorded, to the last bit");
   verb->add_option("--speed", options->speed, "times real time; 0 as fast as it can")->capture_default_str();
-  verb->add_option("--from", options->from, "go there as fast as it can, then at --speed: seconds from the beginning");
-  verb->add_option("--to", options->to, "end there: seconds from the beginning");
-  verb->add_flag("--step", options->step, "one frame at a time: Enter for the next, q to end");
+  verb->add_option("--from", options->from, "go there as fast as it can, then at --speed: seconds from the beginning")
+      ->check(CLI::NonNegativeNumber);
+  verb->add_option("--to", options->to, "end there: seconds from the beginning")->check(CLI::NonNegativeNumber);
+  verb->add_flag("--step", options->step, "one frame at a time: Enter for the next, q and Enter to end");
   verb->add_option("--rate", options->rate, "images: pictures a second, where they have no times")
       ->capture_default_str();
   verb->add_option("--camera", options->camera, "use this camera file instead of the recorded one");

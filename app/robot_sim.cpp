@@ -325,7 +325,9 @@ void add_robot_sim(CLI::App& program, Action& action) {
                    "\"AFTER_S WHAT\": odometry from then on; nan jump reset freeze backwards ahead silent")
       ->allow_extra_args(false);
   verb->add_option("--log", options->log, "write what the drive does, every 5 ms, as CSV");
-  verb->add_option("--seconds", options->seconds, "end after this time; 0 never")->capture_default_str();
+  verb->add_option("--seconds", options->seconds, "end after this time; 0 never")
+      ->check(CLI::NonNegativeNumber)
+      ->capture_default_str();
   verb->add_flag("--json", options->json, "the report at the end in one line");
   verb->footer(
       "Topics: cmd_vel in, odom out, and for camera-sim --world dds the true place on /simulation/ground_truth.\n"

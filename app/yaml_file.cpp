@@ -11,6 +11,7 @@
 #include <yaml-cpp/yaml.h>
 
 #include "app/failure.h"
+#include "app/nearest_word.h"
 
 namespace tagdock {
 namespace {
@@ -77,22 +78,6 @@ class Inspector : public YAML::EventHandler {
   std::vector<Level> levels_;
 };
 
-// Number of single-letter changes between two words.
-std::size_t distance(std::string_view a, std::string_view b) {
-  std::vector<std::size_t> row(b.size() + 1);
-  for (std::size_t j = 0; j <= b.size(); ++j) row[j] = j;
-  for (std::size_t i = 1; i <= a.size(); ++i) {
-    std::size_t diagonal = row[0];
-    row[0] = i;
-    for (std::size_t j = 1; j <= b.size(); ++j) {
-      const std::size_t change = diagonal + (a[i - 1] == b[j - 1] ? 0 : 1);
-      diagonal = row[j];
-      row[j] = std::min({row[j] + 1, row[j - 1] + 1, change});
-    }
-  }
-  return row[b.size()];
-}
-
 std::optional<double> number_of(const std::string& text) {
   double value = 0.0;
   const char* begin = text.data();
@@ -155,13 +140,7 @@ struct YamlMap::State {
       const std::string key = entry.first.IsScalar() ? entry.first.Scalar() : "(not a word)";
       if (asked.contains(key)) continue;
       std::string sentence = "the key " + name(key) + " is not known";
-      std::size_t least = 4;  // farther words are no help
-      std::string nearest;
-      for (const std::string& word : asked)
-        if (const std::size_t changes = distance(key, word); changes < least) {
-          least = changes;
-          nearest = word;
-        }
+      const std::string nearest = nearest_word(key, {asked.begin(), asked.end()});
       if (!nearest.empty()) {
         sentence += "; did you mean " + nearest + "?";
       } else {

@@ -214,6 +214,29 @@ TEST_CASE("nothing that is read, and no earlier result, is written over", "[quic
   CHECK(run(scratch, "replay " + scratch.folder.string() + " --output /proc/nowhere").code == 2);
 }
 
+TEST_CASE("a slip of the pen on the command line is named, with what would be right", "[quick]") {
+  const Scratch scratch;
+  const auto refused = [&](const std::string& arguments, const std::string& sentence) {
+    const Run one = run(scratch, arguments);
+    CAPTURE(arguments);
+    CHECK(one.code == 2);
+    CHECK_THAT(one.err, Contains("tagdock: ") && Contains(sentence));
+  };
+  refused("dok", "no verb dok; did you mean dock?");
+  refused("convert --help", "no verb convert");
+  refused("", "subcommand");
+  refused("dock --robot foo", "--robot");
+  refused("dock --robot ros2 --domain 200", "--domain");
+  refused("dock --seed -1", "--seed");
+  refused("dock --compress", "--record");
+  refused("record x --seconds -3", "--seconds");
+  refused("camera-sim world --seconds -1", "--seconds");
+  refused("replay x --from -5", "--from");
+  refused("plan --from 0,0,0 --to 4,1,0 --as arcs --arc-steps 0", "--arc-steps");
+  refused("detect x.png --tag-size 160", "--tag-size");
+  refused("export x --mp4 x.avi", ".mp4");
+}
+
 TEST_CASE("docks are also told as JSON", "[quick]") {
   const Scratch scratch;
   const std::string nav2 = scratch.write("nav2.yaml", "docks:\n  home: {frame: map, pose: [1.5, -2.0, 0.5]}\n");
