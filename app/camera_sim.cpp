@@ -235,8 +235,9 @@ int camera_sim(const CameraSimOptions& options) {
   const StopSignal stop_signal;
   const std::unique_ptr<Show> show = open_show(options);
   const auto begin = steady_clock::now();
-  std::cout << "serving " << options.source << " as a GigE Vision camera, serial " << options.served.serial << ", at "
-            << options.served.address << std::endl;
+  // JSON has stdout for itself.
+  (options.json ? std::cerr : std::cout) << "serving " << options.source << " as a GigE Vision camera, serial "
+                                         << options.served.serial << ", at " << options.served.address << std::endl;
   Typed typed;
   std::uint64_t seed = options.seed;
   std::size_t done = 0;

@@ -127,9 +127,10 @@ class RobotServer {
       camera_ = std::make_unique<LiveWorld>(world_, SimulationFaults{}, start, served_at(options_.camera));
     // Wall clock at the start of the session: stamps never step back, whatever happens to the wall clock later.
     wall_start_ = std::chrono::system_clock::now().time_since_epoch() - (steady_clock::now() - start);
-    std::cout << "robot on ROS 2 domain " << domain_of(config_) << ", " << config_.interface << ": takes "
-              << topic(config_, config_.topics.cmd_vel) << ", gives " << topic(config_, config_.topics.odom)
-              << std::endl;
+    // JSON has stdout for itself.
+    (options_.json ? std::cerr : std::cout)
+        << "robot on ROS 2 domain " << domain_of(config_) << ", " << config_.interface << ": takes "
+        << topic(config_, config_.topics.cmd_vel) << ", gives " << topic(config_, config_.topics.odom) << std::endl;
     nanoseconds next{0};
     while (!stop_signal.requested()) {
       next += RobotPhysics::step;

@@ -473,6 +473,10 @@ TEST_CASE("the simulated camera refuses what it cannot do", "[quick]") {
   CHECK(wrong.code == 2);
   CHECK_THAT(wrong.err, Contains("loose") && Contains("lose SHARE"));
   CHECK(run(scratch, "camera-sim world --rate 0").code == 2);
+  const Run objects = run(scratch, "camera-sim world --address 127.0.0.9 --seconds 0.3 --json");
+  CHECK(objects.code == 0);
+  CHECK((objects.out.empty() || objects.out.front() == '{'));
+  CHECK_THAT(objects.err, Contains("127.0.0.9"));
   const Run short_one = run(scratch, "camera-sim world --address 127.0.0.9 --seconds 0.3");
   CHECK(short_one.code == 0);
   CHECK_THAT(short_one.out, Contains("127.0.0.9"));
