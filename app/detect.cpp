@@ -100,10 +100,12 @@ std::optional<CameraModel> listed_camera(const CsvTable& table, std::size_t row)
 
 std::vector<Job> jobs_of(const DetectOptions& options) {
   std::vector<Job> jobs;
-  for (const std::string& image : options.images) {
+  for (std::size_t i = 0; i < options.images.size(); ++i) {
+    const std::string& image = options.images[i];
     const std::filesystem::path file =
         options.root.empty() ? std::filesystem::path(image) : std::filesystem::path(options.root) / image;
-    jobs.push_back({image, file, options.family, options.tag_size, std::nullopt});
+    jobs.push_back(
+        {options.names.empty() ? image : options.names[i], file, options.family, options.tag_size, std::nullopt});
   }
   if (!options.list.empty()) {
     const CsvTable table = CsvTable::load(options.list);

@@ -9,6 +9,7 @@ namespace tagdock {
 /// What `tagdock detect` is asked; the same work serves the replay of plain images.
 struct DetectOptions {
   std::vector<std::string> images;
+  std::vector<std::string> names;  ///< what to call them, one each; empty: as the files are given
   std::string list;
   std::string root;
   std::string camera;

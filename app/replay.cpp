@@ -338,7 +338,10 @@ int replay_images(const ReplayOptions& options) {
     spoiled = cut->take(source);
   }
   DetectOptions detect;
-  for (const SourceFrame& frame : source.frames) detect.images.push_back(frame.file);
+  for (const SourceFrame& frame : source.frames) {
+    detect.images.push_back(frame.file);
+    if (cut) detect.names.push_back(frame.name);
+  }
   detect.camera = options.camera.empty() ? options.rig : options.camera;
   detect.family = options.family;
   detect.tag_size = options.tag_size;

@@ -407,7 +407,9 @@ TEST_CASE("a recording without a docking is replayed, exported, and read again f
       run(scratch, "replay " + scratch.path("spoiled.mp4") + " --json", "TMPDIR=" + scratch.path("temporary"));
   CHECK(spoiled.code == 2);
   CHECK_THAT(spoiled.err, Contains("cannot be read"));
-  CHECK(nlohmann::json::parse(spoiled.out)["images"].size() >= 2);
+  const auto images = nlohmann::json::parse(spoiled.out)["images"];
+  REQUIRE(images.size() >= 2);
+  CHECK(images[1]["image"] == scratch.path("spoiled.mp4") + "#1");
   CHECK(std::filesystem::is_empty(scratch.folder / "temporary"));
 
   CHECK(run(scratch, "export " + scratch.path("walk")).code == 2);  // to what?
