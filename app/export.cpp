@@ -29,6 +29,8 @@ namespace {
 using std::chrono::nanoseconds;
 namespace fs = std::filesystem;
 
+constexpr double whole_recording = 1e12;  // s
+
 struct ExportOptions {
   std::string source;
   std::string euroc;
@@ -37,7 +39,7 @@ struct ExportOptions {
   std::string mcap;
   double rate = 25.0;
   double from = 0.0;
-  double to = 1e12;
+  double to = whole_recording;
   bool json = false;
 };
 
@@ -95,13 +97,16 @@ class Euroc final : public Sink {
 
 class Tum final : public Sink {
  public:
-  Tum(const fs::path& folder, const std::optional<Session>& session) : folder_(folder) {
+  /// @param begin, end  odometry of this time goes with the pictures
+  Tum(const fs::path& folder, const std::optional<Session>& session, nanoseconds begin, nanoseconds end)
+      : folder_(folder) {
     make_folder(folder);
     fs::create_directories(folder_ / "rgb");
     list_ = "# timestamp filename\n";
     if (!session || session->odometry.empty()) return;
     std::string poses = "# odometry of the base: timestamp tx ty tz qx qy qz qw\n";
     for (const Odometry& odometry : session->odometry) {
+      if (odometry.time < begin || odometry.time > end) continue;
       char text[200];
       const Pose2& pose = odometry.T_odom_base;
       std::snprintf(text, sizeof text, " %.9f %.9f 0 0 0 %.12f %.12f\n", pose.x, pose.y, std::sin(0.5 * pose.yaw),
@@ -295,7 +300,9 @@ int export_frames(const ExportOptions& options) {
                    0.1, 1000.0);
   std::vector<std::unique_ptr<Sink>> sinks;
   if (!options.euroc.empty()) sinks.push_back(std::make_unique<Euroc>(options.euroc, options.source));
-  if (!options.tum.empty()) sinks.push_back(std::make_unique<Tum>(options.tum, session));
+  if (!options.tum.empty())
+    sinks.push_back(std::make_unique<Tum>(options.tum, session, options.from > 0.0 ? begin : nanoseconds::min(),
+                                          options.to < whole_recording ? end : nanoseconds::max()));
   if (!options.mp4.empty()) sinks.push_back(std::make_unique<Mp4>(options.mp4, rate));
   if (!options.mcap.empty()) sinks.push_back(std::make_unique<Mcap>(options.mcap, session, begin, end));
   std::uint64_t written = 0;
