@@ -22,6 +22,7 @@
 #include "app/replay_difference.h"
 #include "app/rig_file.h"
 #include "app/session_replay.h"
+#include "app/stop_signal.h"
 #include "app/verbs.h"
 
 namespace tagdock {
@@ -59,9 +60,9 @@ class Pace {
   explicit Pace(const ReplayOptions& options) : options_(options) {}
 
   /// @param seconds  since the beginning of the recording
-  /// @return         false when it shall end here
+  /// @return         false when it shall end here, also for Ctrl-C
   bool at(double seconds, const std::string& what) {
-    if (seconds > options_.to) return false;
+    if (seconds > options_.to || stop_signal_.requested()) return false;
     if (seconds < options_.from) return true;  // as fast as it can, to get there with the same state
     if (!begin_) {
       begin_ = std::chrono::steady_clock::now();
@@ -71,13 +72,16 @@ class Pace {
       std::this_thread::sleep_until(
           *begin_ + std::chrono::nanoseconds(static_cast<std::int64_t>(1e9 * (seconds - first_) / options_.speed)));
     if (!options_.step || what.empty()) return true;
-    std::fprintf(stderr, "%8.3f s  %s   [Enter: next, q: end]\n", seconds, what.c_str());
+    std::fprintf(stderr, "%8.3f s  %s   [Enter: next, q and Enter: end]\n", seconds, what.c_str());
     std::string typed;
     return static_cast<bool>(std::getline(std::cin, typed)) && typed != "q";
   }
 
+  [[nodiscard]] bool interrupted() const { return stop_signal_.requested(); }
+
  private:
   const ReplayOptions& options_;
+  StopSignal stop_signal_;  ///< ends it early, with what was made until then written
   std::optional<std::chrono::steady_clock::time_point> begin_;
   double first_ = 0.0;
 };
@@ -162,6 +166,7 @@ int replay_session(const ReplayOptions& options, const Session& session) {
       std::printf("bit-equal: every sighting, phase and command is as it was recorded\n");
     for (const std::string& difference : result.differences) std::printf("%s\n", difference.c_str());
   }
+  if (pace.interrupted()) return static_cast<int>(ExitCode::interrupted);
   return static_cast<int>(options.compare && result.difference_count > 0 ? ExitCode::failed : ExitCode::done);
 }
 
