@@ -110,6 +110,9 @@ Finding check_control(const Config& config) {
   if (controlled.value_or(false))
     return {Verdict::fault, "another program controls the camera at " + address.text(),
             "end that program; one that crashed lets go after 3 s"};
+  if (!controlled)
+    return {Verdict::advice, "whether another program controls the camera at " + address.text() + " cannot be asked",
+            "as for the camera itself"};
   return {Verdict::good, "nobody else controls the camera at " + address.text(), ""};
 }
 
@@ -231,8 +234,10 @@ Finding check_view(const Config& config) {
   const LineTarget target{goal_of_axle(docking), camera_point(config.rig).x, 0.5 * horizontal_view(config.rig.camera),
                           docking.board_width};
   const double limit = heading_limit(target, -docking.dock_pose.x, docking.line, true);
-  const std::string figures =
-      "at the dock the board leaves room for a heading error of " + std::to_string(degrees(limit)) + " degrees";
+  char figures_text[120];
+  std::snprintf(figures_text, sizeof figures_text,
+                "at the dock the board leaves room for a heading error of %.1f degrees", degrees(limit));
+  const std::string figures = figures_text;
   if (limit >= docking.line.min_heading) return {Verdict::good, figures, ""};
   return {Verdict::fault, figures + "; 3 are needed to steer with the board in view",
           "dock farther from the board, use a smaller board, or a wider lens"};
@@ -268,7 +273,9 @@ int doctor(const DoctorOptions& options) {
     findings.push_back(check_untested(config));
     findings.push_back(check_robot(config));
   } catch (const Failure& failure) {
-    findings.push_back({Verdict::fault, failure.what(), "mend that line"});
+    const std::string sentence = failure.what();
+    const bool missing = sentence.find("there is no such file") != std::string::npos;
+    findings.push_back({Verdict::fault, sentence, missing ? "give the file's place" : "mend that line"});
   }
   findings.push_back(check_loopback());
   findings.push_back(check_receive_buffer(config));

@@ -344,6 +344,10 @@ TEST_CASE("the doctor finds nothing at fault with the defaults, and names what i
   const Run sick = run(scratch, "doctor --config " + scratch.write("dock.yaml", "camera: {exposure_us: -3}\n"));
   CHECK(sick.code == 1);
   CHECK_THAT(sick.out, Contains("FAULT") && Contains("dock.yaml:1:") && Contains("exposure_us"));
+  const Run alone = run(scratch, "doctor --camera gige:127.0.0.77 --rig " + scratch.path("nowhere.yaml"));
+  CHECK_THAT(alone.out, Contains("nowhere.yaml") && !Contains("mend that line"));
+  const Run dark = run(scratch, "doctor --camera gige:127.0.0.77");
+  CHECK_THAT(dark.out, Contains("no camera answers") && !Contains("nobody else controls"));
 }
 
 TEST_CASE("a recording without a docking is replayed, exported, and read again from each format") {
