@@ -249,6 +249,7 @@ class Docking {
         remember(inputs, outputs);
       }
       report.camera = health;
+      if (outputs.docking.estimate) report.stands = outputs.docking.estimate->T_station_base * T_base_camera_;
       over = outputs.docking.over;
       if (!over) devices_.clock->sleep_until(inputs.now + outputs.docking.next_tick);
     }

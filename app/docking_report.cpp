@@ -88,7 +88,9 @@ nlohmann::ordered_json to_json(const DockingReport& report) {
   json["phases"] = nlohmann::ordered_json::array();
   for (const auto& phase : report.phases)
     json["phases"].push_back({{"name", phase.name}, {"start_ns", phase.start.count()}, {"end_ns", phase.end.count()}});
+  if (report.stands) json["final"]["camera_point_estimated"] = pose_json(*report.stands);
   json["camera"] = {{"frames", report.camera.received},
+                    {"used", report.frame_ages_ms.size()},
                     {"lost", report.camera.lost},
                     {"incomplete", report.camera.incomplete},
                     {"overwritten", report.camera.overwritten},
@@ -119,8 +121,15 @@ std::string summary(const DockingReport& report) {
   }
   if (report.true_error && !std::holds_alternative<Undocked>(report.last))
     text += "final error, true:      " + error_words(*report.true_error) + "\n";
-  std::snprintf(line, sizeof line, "camera: %llu frames, %llu lost, age %.0f ms (95 %%: %.0f ms)\n",
-                static_cast<unsigned long long>(report.camera.received),
+  if (report.stands && std::holds_alternative<Undocked>(report.last)) {
+    std::snprintf(line, sizeof line,
+                  "the camera stands %.3f m before the board, %+.1f mm to the left of its middle, turned %+.2f deg\n",
+                  -report.stands->x, 1e3 * report.stands->y, degrees(wrap_angle(report.stands->yaw)));
+    text += line;
+  }
+  std::snprintf(line, sizeof line,
+                "camera: %zu frames used of %llu received, %llu lost, age %.0f ms (95 %%: %.0f ms)\n",
+                report.frame_ages_ms.size(), static_cast<unsigned long long>(report.camera.received),
                 static_cast<unsigned long long>(report.camera.lost), quantile(report.frame_ages_ms, 0.5),
                 quantile(report.frame_ages_ms, 0.95));
   return text + line;

@@ -25,6 +25,7 @@ struct DockingReport {
   Phase last;                ///< docked, failed or stopped
   bool interrupted = false;  ///< by Ctrl-C or a signal
   std::chrono::nanoseconds duration{0};
+  std::optional<Pose2> stands;      ///< the camera point at the end, station frame, as estimated
   std::optional<Pose2> true_error;  ///< of the camera point and heading against the docking pose, station frame
   std::vector<PhaseSpan> phases;
   CameraHealth camera;
