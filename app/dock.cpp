@@ -210,6 +210,7 @@ class Docking {
     const nanoseconds begin = devices_.clock->now();
     OperatorInput person(options_.operator_words);
     if (!options_.json && !person.hint().empty()) talk_.event(begin, person.hint());
+    if (!person.hint().empty()) keys_ = person.hint() + " (in the terminal)";
     talk_.event(begin, (config_.docking.errand == Errand::dock ? "docking: camera " : "undocking: camera ") +
                            devices_.camera_name + ", robot " + devices_.robot_name);
     for (const std::string& note : devices_.notes) talk_.event(begin, "camera: " + note);
@@ -378,7 +379,7 @@ class Docking {
       view_->show({inputs.frame->gray,
                    board != nullptr ? board->tags : std::vector<RefinedTag>{},
                    projected_board(config_.board, config_.rig.camera, T_camera_goal),
-                   {words}});
+                   {words, "green: tags as seen; light blue: where they stand at the dock", keys_}});
     }
   }
 
@@ -409,6 +410,7 @@ class Docking {
   double largest_blur_px_ = 0.0;
   double blurred_exposure_us_ = 0.0;
   DockingStory story_;
+  std::string keys_;  ///< what to tell a person about them
   bool person_waits_ = false;
   bool robot_waits_ = false;
 };
@@ -533,7 +535,7 @@ void add_undock(CLI::App& program, Action& action) {
   add_options_of_both(verb, options);
   verb->footer(
       "How far: docking.undock.camera_distance_m of the configuration (2.2 m before the board). The simulated robot\n"
-      "starts at the dock.\n"
+      "starts at the dock. While it runs at a terminal: p pauses, r resumes, c cancels, space stops.\n"
       "Exit codes: 0 undocked, 1 not undocked (also: was not docked), 2 usage or configuration, 3 camera,\n"
       "4 tag never seen, 5 robot link, 6 stopped, 130 interrupted.");
   verb->callback([options, &action] { action = [options] { return dock(*options); }; });
