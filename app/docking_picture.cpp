@@ -57,6 +57,10 @@ void draw_way(Svg& svg, const DockingStory& story, const Eigen::Vector2d& corner
     svg.line(place(x, -0.5 * h / scale), place(x, 0.5 * h / scale), "stroke:#e4e4e4");
     svg.text(place(x, -0.5 * h / scale) + Eigen::Vector2d(0, 14), plain(x, 2) + " m", 11, "middle");
   }
+  for (const double y : axis_ticks(-0.45 * h / scale, 0.45 * h / scale, 5)) {
+    svg.line(place(least_x, y), place(most_x, y), "stroke:#e4e4e4");
+    svg.text(place(most_x, y) + Eigen::Vector2d(-4, -2), plain(y, 2) + " m", 11, "end", "fill:#888");
+  }
   svg.line(place(least_x, 0), place(most_x, 0), "stroke:#bbb;stroke-dasharray:6 4");
   for (const BoardTag& tag : story.board.tags) {
     const TagPoints points = corners_station(tag);
@@ -75,7 +79,7 @@ void draw_way(Svg& svg, const DockingStory& story, const Eigen::Vector2d& corner
     svg.circle(estimated.back(), 3, "fill:#c05010");
     svg.line(estimated.back(), {estimated.back().x(), corner.y() + label_row + 2}, "stroke:#c05010;stroke-width:0.5");
     svg.text({estimated.back().x(), corner.y() + label_row}, phase, 11, "start", "fill:#c05010");
-    label_row = label_row > 60 ? 16 : label_row + 13;
+    label_row = label_row > 120 ? 16 : label_row + 13;
   }
   svg.polyline(truth, "stroke:#2060c0;stroke-width:3;stroke-opacity:0.45");
   svg.polyline(estimated, "stroke:#c05010;stroke-width:1.2");
@@ -109,15 +113,18 @@ std::string docking_picture(const DockingStory& story) {
   for (const DockingMoment& moment : story.moments) {
     if (!moment.estimated || moment.time + std::chrono::seconds(8) < end) continue;
     const double t = std::chrono::duration<double>(moment.time).count();
-    x.points.emplace_back(t, 1e3 * (moment.estimated->x - story.dock_pose.x));
+    x.points.emplace_back(t, 1e3 * (story.dock_pose.x - moment.estimated->x));
     y.points.emplace_back(t, 1e3 * (moment.estimated->y - story.dock_pose.y));
     yaw.points.emplace_back(t, degrees(wrap_angle(moment.estimated->yaw - story.dock_pose.yaw)));
   }
   const double left = image_width + 40;
-  draw_diagram(svg, {left, 190}, width - left - 10, 150, "distance to the dock", "time [s]", "[mm]", {x});
-  draw_diagram(svg, {left, 335}, width - left - 10, 150, "to the side", "time [s]", "[mm]", {y});
+  draw_diagram(svg, {left, 190}, width - left - 10, 150, "before the dock (estimated, the last 8 s)", "time [s]",
+               "[mm]", {x});
+  draw_diagram(svg, {left, 335}, width - left - 10, 150, "to the left (estimated, the last 8 s)", "time [s]", "[mm]",
+               {y});
   draw_way(svg, story, {20, 500}, image_width + 20, 330);
-  draw_diagram(svg, {left + 20, 500}, width - left - 30, 330, "heading", "time [s]", "[deg]", {yaw});
+  draw_diagram(svg, {left + 20, 500}, width - left - 30, 330, "heading (estimated, the last 8 s)", "time [s]", "[deg]",
+               {yaw});
   return svg.text();
 }
 
