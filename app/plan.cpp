@@ -285,9 +285,10 @@ void explain(std::ostream& out, const Query& query, const Answer& answer, const 
     out << "already there: start and goal are the same pose\n";
     return;
   }
-  say("planned in %.1f us: %.4f m in %zu segments, %d direction changes; shortest within the limits %.4f m\n",
-      1e-3 * static_cast<double>(answer.time_ns), plan->length, plan->path.segments.size(), cusps(plan->path),
-      plan->shortest);
+  const bool quick = answer.time_ns < 1'000'000;
+  say("planned in %.1f %s: %.4f m in %zu segments, %d direction changes; shortest within the limits %.4f m\n",
+      (quick ? 1e-3 : 1e-6) * static_cast<double>(answer.time_ns), quick ? "us" : "ms", plan->length,
+      plan->path.segments.size(), cusps(plan->path), plan->shortest);
   say("largest curvature %.4f of %.4f 1/m, sharpness %.4f of %.4f 1/m2\n", plan->peak_curvature,
       query.limits.max_curvature, plan->sharpness, query.limits.max_sharpness);
   if (plan->largest_bearing > 0.0) say("board's edge at most %.2f deg from the axis\n", degrees(plan->largest_bearing));

@@ -255,7 +255,8 @@ void draw_bearing(std::string& svg, const DockingPlan& plan, const PlanScene& sc
   }
   const double top = std::min(180.0, 1.15 * largest);
   const Diagram diagram(box, 0.0, plan.length, -top, top);
-  diagram.axes(svg, "driven length [m]", "bearing of the board's edges [deg]; dashed: edge of the image");
+  diagram.axes(svg, "driven length [m]",
+               "bearing of the board's edges [deg]: blue left, green right; dashed: edge of the image");
   for (const double side : {-0.5, 0.5}) {
     const double limit = side * degrees(scene.view.horizontal_view);
     diagram.line(svg, {{0.0, limit}, {plan.length, limit}}, "stroke='#c0202a' stroke-dasharray='5 4'");
@@ -285,8 +286,8 @@ void draw_speed(std::string& svg, const DockingPlan& plan, const TimeLaw& law, c
 std::string plan_picture(const DockingPlanResult& result, const PlanScene& scene) {
   const auto* plan = std::get_if<DockingPlan>(&result);
   std::string svg =
-      "<svg xmlns='http://www.w3.org/2000/svg' width='1280' height='720' viewBox='0 0 1280 720'>\n"
-      "<rect width='1280' height='720' fill='#ffffff'/>\n<g font-family='DejaVu Sans, sans-serif' fill='#222222'>\n";
+      "<svg xmlns='http://www.w3.org/2000/svg' width='1280' height='736' viewBox='0 0 1280 736'>\n"
+      "<rect width='1280' height='736' fill='#ffffff'/>\n<g font-family='DejaVu Sans, sans-serif' fill='#222222'>\n";
   svg += "<text x='60' y='30' font-size='17'>" + html_text(scene.title) + "</text>\n";
   const auto* refused = std::get_if<PlanRefusal>(&result);
   const std::vector<Candidate> none;
@@ -302,9 +303,11 @@ std::string plan_picture(const DockingPlanResult& result, const PlanScene& scene
     draw_bearing(svg, *plan, scene, {780.0, 70.0 + pitch, 460.0, height});
     if (scene.law) draw_speed(svg, *plan, *scene.law, {780.0, 70.0 + 2.0 * pitch, 460.0, height});
     svg +=
-        "<text x='60' y='712' font-size='11'>black: straight, orange: turn, red: reverse, blue: Reeds-Shepp words that "
-        "would do but for their jumps of curvature, grey: the others; green: start, violet: goal; shaded: "
-        "swept</text>\n";
+        "<text x='60' y='712' font-size='11'>way: black straight, orange a turn (two shades, so that neighbours "
+        "differ), "
+        "red reverse, shaded swept; robot: green at the start, violet at the goal; bars: grey the wall, black the "
+        "board</text>\n<text x='60' y='728' font-size='11'>thin lines: blue Reeds-Shepp words that would do but for "
+        "their jumps of curvature, grey the others</text>\n";
   } else if (const auto* refusal = std::get_if<PlanRefusal>(&result)) {
     double y = 90.0;
     std::string text = refusal->sentence + (refusal->cure.empty() ? "" : ". To cure it: " + refusal->cure);
