@@ -87,8 +87,9 @@ Layout laid_out(std::span<const Transition> table) {
 }
 
 void draw_box(Svg& svg, const Vector2d& middle, std::string_view name) {
-  const bool over = name == "docked" || name == "failed" || name == "stopped";
-  const char* fill = name == "docked"                        ? "#dff0dd"
+  const bool good = name == "docked" || name == "undocked";
+  const bool over = good || name == "failed" || name == "stopped";
+  const char* fill = good                                    ? "#dff0dd"
                      : name == "failed" || name == "stopped" ? "#f6dfe0"
                      : name == "backing off"                 ? "#fae9d6"
                      : name == "any"                         ? "#ffffff"
@@ -99,8 +100,14 @@ void draw_box(Svg& svg, const Vector2d& middle, std::string_view name) {
   svg.text(middle + Vector2d(0.0, 5.0), name == "any" ? "any that acts" : std::string(name), 14, "middle");
 }
 
-/// Onward in the column: straight down to the next, around those between otherwise.
-void draw_onward(Svg& svg, const Vector2d& from, const Vector2d& to, int skipped, std::string_view words) {
+/// A vertical piece of a way that is drawn already.
+struct Lane {
+  double x = 0.0, top = 0.0, bottom = 0.0;
+};
+
+/// Onward in the column: straight down to the next, around those between otherwise, beside ways that are there.
+void draw_onward(Svg& svg, const Vector2d& from, const Vector2d& to, int skipped, std::string_view words,
+                 std::vector<Lane>& lanes) {
   const Vector2d half(0.0, 0.5 * box_height);
   if (skipped == 0) {
     way(svg, {from + half, to - half}, onward, true);
@@ -108,9 +115,15 @@ void draw_onward(Svg& svg, const Vector2d& from, const Vector2d& to, int skipped
     return;
   }
   const double side = from.x() - 0.5 * box_width;
-  const double x = side - 26.0 - 74.0 * (skipped - 1);  // beside the words of the shorter ones
+  double x = side - 26.0 - 74.0 * (skipped - 1);  // beside the words of the shorter ones
+  const Lane wanted{x, from.y() + 12.0, to.y() - 12.0};
+  constexpr double beside_words = 120.0;
+  for (const Lane& lane : lanes)
+    if (lane.x == x && lane.top < wanted.bottom && wanted.top < lane.bottom) x -= beside_words;
+  lanes.push_back({x, wanted.top, wanted.bottom});
   way(svg, {{side, from.y() + 12.0}, {x, from.y() + 12.0}, {x, to.y() - 12.0}, {side, to.y() - 12.0}}, onward, true);
-  label(svg, {x - 6.0, to.y() - 16.0}, words, onward, "end");
+  const bool at_the_rim = x < back_bus;
+  label(svg, {at_the_rim ? back_bus + 8.0 : x - 6.0, to.y() - 16.0}, words, onward, at_the_rim ? "start" : "end");
 }
 
 }  // namespace
@@ -126,6 +139,7 @@ std::string phase_picture(std::span<const Transition> table) {
   const Vector2d half_width(0.5 * box_width, 0.0);
   const Vector2d half_height(0.0, 0.5 * box_height);
   const Vector2d top = layout.middle[layout.acting.front()];
+  std::vector<Lane> lanes;
   double back_lowest = top.y();
   double retry_top = 1e9;
   double retry_bottom = -1e9;
@@ -153,6 +167,15 @@ std::string phase_picture(std::span<const Transition> table) {
     } else if (row.from == "paused" && to_row == 0) {
       back_lowest = std::max(back_lowest, from.y() - 0.5 * box_height);
       label(svg, {back_bus + 8.0, from.y() - 0.5 * box_height - 10.0}, row.word, backward);
+    } else if (row.from == "paused" && to_row > 0) {
+      const double x = back_bus + 55.0;
+      way(svg, {{x, from.y() - 0.5 * box_height}, {x, to.y()}, to - half_width}, onward, true);
+      label(svg, {x + 6.0, from.y() - 0.5 * box_height - 10.0}, row.word, onward);
+    } else if (row.from == "paused" && row.to == "backing off") {
+      const double y = from.y() + 0.5 * box_height + 14.0;
+      way(svg, {from + half_height, {from.x(), y}, {retry_bus, y}}, again, false);
+      label(svg, {from.x() + 0.5 * box_width + 8.0, y - 4.0}, row.word, again);
+      retry_bottom = std::max(retry_bottom, y);
     } else if (row.from == "backing off" && to_row == 0) {
       const double y = top.y() - 0.5 * box_height - 22.0;
       way(svg, {from - half_height, {from.x(), y}, {to.x() + 30.0, y}, to - half_height + Vector2d(30.0, 0.0)}, again,
@@ -167,7 +190,11 @@ std::string phase_picture(std::span<const Transition> table) {
     } else if (row.to == "failed") {
       const double y = from.y() - 9.0;
       way(svg, {{from.x() + 0.5 * box_width, y}, {end_bus, y}}, bad, false);
-      label(svg, {from.x() + 0.5 * box_width + 8.0, y - 4.0}, row.word, bad);
+      // Beside the box that stands before `failed` there is no room for words.
+      label(svg,
+            row.from == "backing off" ? from + Vector2d(-0.5 * box_width, 0.5 * box_height + 14.0)
+                                      : Vector2d(from.x() + 0.5 * box_width + 8.0, y - 4.0),
+            row.word, bad);
       end_top = std::min(end_top, y);
       end_bottom = std::max(end_bottom, y);
     } else if (to_row == 0 && from_row > 0) {
@@ -175,7 +202,7 @@ std::string phase_picture(std::span<const Transition> table) {
       label(svg, {back_bus + 8.0, from.y() - 4.0}, row.word, backward);
       back_lowest = std::max(back_lowest, from.y());
     } else if (from_row >= 0 && to_row > from_row) {
-      draw_onward(svg, from, to, to_row - from_row - 1, row.word);
+      draw_onward(svg, from, to, to_row - from_row - 1, row.word, lanes);
     } else {
       // A way that the picture has no place for yet is drawn straight across rather than left out.
       way(svg, {from, to}, bad, true);
