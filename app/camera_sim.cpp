@@ -18,6 +18,7 @@
 #include "app/config.h"
 #include "app/failure.h"
 #include "app/image_file.h"
+#include "app/option_checks.h"
 #include "app/priority.h"
 #include "app/ros2_options.h"
 #include "app/session.h"
@@ -291,7 +292,7 @@ void add_camera_sim(CLI::App& program, Action& action) {
   add_ros2_options(*verb, options->domain, options->name_space, options->remaps);
   verb->add_option("--seed", options->seed, "world and malformed datagrams: seed")->capture_default_str();
   verb->add_option("--seconds", options->seconds, "end after this time; 0 never")
-      ->check(CLI::NonNegativeNumber)
+      ->check(not_negative())
       ->capture_default_str();
   verb->add_flag("--json", options->json, "status as JSON");
   verb->footer("Commands, as --fault or typed as lines while it runs:\n" + fault_words() +

@@ -20,6 +20,7 @@
 #include "app/failure.h"
 #include "app/fields.h"
 #include "app/operator_input.h"
+#include "app/option_checks.h"
 #include "app/output_file.h"
 #include "app/phase_picture.h"
 #include "app/recording.h"
@@ -513,7 +514,7 @@ void add_options_of_both(CLI::App* verb, const std::shared_ptr<DockOptions>& opt
   verb->add_option("--station", options->station, "off; the station page comes with a later version")
       ->capture_default_str();
   verb->add_option("--seed", options->seed, "simulation: seed of start pose, slip and noise")
-      ->check(CLI::NonNegativeNumber)
+      ->check(not_negative())
       ->capture_default_str();
   verb->add_option("--speedup", options->speedup,
                    "simulation: frames in-process, this many times faster than real; 0 as fast as it can");

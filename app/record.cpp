@@ -7,6 +7,7 @@
 
 #include "app/devices.h"
 #include "app/failure.h"
+#include "app/option_checks.h"
 #include "app/recording.h"
 #include "app/rig_file.h"
 #include "app/session.h"
@@ -112,11 +113,11 @@ void add_record(CLI::App& program, Action& action) {
   verb->add_option("--config", options->config, "configuration (YAML): camera settings, rig");
   verb->add_option("--rig", options->rig, "rig file; overrides the configuration's");
   verb->add_option("--seconds", options->seconds, "end after this time; 0 at Ctrl-C")
-      ->check(CLI::NonNegativeNumber)
+      ->check(not_negative())
       ->capture_default_str();
   verb->add_option("--frames", options->frames, "end after so many frames; 0 never")->capture_default_str();
   verb->add_flag("--compress", options->compress, "PNG instead of PGM: half the disk, a quarter of a processor");
-  verb->add_option("--seed", options->seed, "simulation: seed")->check(CLI::NonNegativeNumber)->capture_default_str();
+  verb->add_option("--seed", options->seed, "simulation: seed")->check(not_negative())->capture_default_str();
   verb->add_flag("--json", options->json, "the count as JSON");
   verb->footer(
       "A recording does not begin with less than 2 GB free and ends, with a warning, at 500 MB.\n"

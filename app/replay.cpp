@@ -17,6 +17,7 @@
 #include "app/detect.h"
 #include "app/failure.h"
 #include "app/frame_source.h"
+#include "app/option_checks.h"
 #include "app/output_file.h"
 #include "app/png_file.h"
 #include "app/replay_difference.h"
@@ -404,8 +405,8 @@ void add_replay(CLI::App& program, Action& action) {
                  "succeed only if every sighting, phase and command is as it was recorded, to the last bit");
   verb->add_option("--speed", options->speed, "times real time; 0 as fast as it can")->capture_default_str();
   verb->add_option("--from", options->from, "go there as fast as it can, then at --speed: seconds from the beginning")
-      ->check(CLI::NonNegativeNumber);
-  verb->add_option("--to", options->to, "end there: seconds from the beginning")->check(CLI::NonNegativeNumber);
+      ->check(not_negative());
+  verb->add_option("--to", options->to, "end there: seconds from the beginning")->check(not_negative());
   verb->add_flag("--step", options->step, "one frame at a time: Enter for the next, q and Enter to end");
   verb->add_option("--rate", options->rate, "images: pictures a second, where they have no times")
       ->capture_default_str();

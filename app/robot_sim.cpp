@@ -15,6 +15,7 @@
 
 #include "app/config.h"
 #include "app/failure.h"
+#include "app/option_checks.h"
 #include "app/priority.h"
 #include "app/robots/odometry_reader.h"
 #include "app/robots/ros2.h"
@@ -327,7 +328,7 @@ void add_robot_sim(CLI::App& program, Action& action) {
       ->allow_extra_args(false);
   verb->add_option("--log", options->log, "write what the drive does, every 5 ms, as CSV");
   verb->add_option("--seconds", options->seconds, "end after this time; 0 never")
-      ->check(CLI::NonNegativeNumber)
+      ->check(not_negative())
       ->capture_default_str();
   verb->add_flag("--json", options->json, "the report at the end in one line");
   verb->footer(

@@ -227,7 +227,7 @@ TEST_CASE("a slip of the pen on the command line is named, with what would be ri
   refused("", "subcommand");
   refused("dock --robot foo", "--robot");
   refused("dock --robot ros2 --domain 200", "--domain");
-  refused("dock --seed -1", "--seed");
+  refused("dock --seed -1", "--seed: -1 is no number of 0 or more");
   refused("dock --compress", "--record");
   refused("record x --seconds -3", "--seconds");
   refused("camera-sim world --seconds -1", "--seconds");
