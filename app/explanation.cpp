@@ -152,8 +152,8 @@ std::string explanation_page(const cv::Mat1b& gray, const std::string& image, co
       row("inflation", plain(explained.inflation, 2), "of the covariance, for what neighbouring pixels err together");
   page += row("code", "hamming " + std::to_string(tag.hamming) + ", margin " + plain(tag.margin, 1), "");
   page +=
-      "</table>\n<h2>Corners</h2>\n<table><tr><th></th><th>x [px]</th><th>y [px]</th><th>sigma x</th><th>sigma "
-      "y</th></tr>\n";
+      "</table>\n<h2>Corners</h2>\n<table><tr><th></th><th>x [px]</th><th>y [px]</th><th>sigma x [px]</th><th>"
+      "sigma y [px]</th></tr>\n";
   const std::array<std::string, 4> names = {"top left", "top right", "bottom right", "bottom left"};
   for (std::size_t k = 0; k < 4; ++k) {
     const auto i = 2 * static_cast<Eigen::Index>(k);
