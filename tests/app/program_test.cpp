@@ -126,6 +126,27 @@ TEST_CASE("a folder that cannot be recorded into is refused before anything move
   CHECK_THAT(bad.err, Contains("/proc/nowhere/session"));
 }
 
+TEST_CASE("a calibration given a wrong number names the option, and what it should be", "[quick]") {
+  const Scratch scratch;
+  const auto refused = [&](const std::string& arguments, const std::string& option) {
+    const Run made = run(scratch, "calibrate " + arguments);
+    INFO(arguments << ": " << made.err);
+    CHECK(made.code == 2);
+    CHECK_THAT(made.err, Contains(option));
+  };
+  const std::string hand_eye = "hand-eye --dataset " + scratch.path("none") + " --output " + scratch.path("rig.yaml");
+  refused(hand_eye + " --camera-height -0.3", "--camera-height");
+  refused(hand_eye + " --camera-height 360", "--camera-height");
+  refused(hand_eye + " --camera-height 0.3 --camera-height-sigma -1", "--camera-height-sigma");
+  const std::string target = "target --output " + scratch.path("board.pdf");
+  refused(target + " --cols 0", "--cols");
+  refused(target + " --square -0.02", "--square");
+  refused(target + " --kind taggrid --spacing -1", "--spacing");
+  refused(target + " --description " + scratch.path("nowhere/board.yaml"), "--description");
+  refused("wizard --target x.yaml --measured-x -5", "--measured-x");
+  CHECK(run(scratch, "calibrate target --kind vboard --output " + scratch.path("v.pdf")).code == 0);
+}
+
 TEST_CASE("a camera address with nobody there is said as such", "[quick]") {
   const Scratch scratch;
   const Run nobody = run(scratch, "dock --camera gige:127.0.0.77 --robot none");
