@@ -52,7 +52,11 @@ CrashStop::CrashStop(std::function<void()> last_words) {
   struct sigaction action = {};
   action.sa_handler = on_deadly;
   ::sigemptyset(&action.sa_mask);
-  for (std::size_t i = 0; i < deadly.size(); ++i) ::sigaction(deadly[i], &action, &before[i]);
+  for (std::size_t i = 0; i < deadly.size(); ++i) {
+    ::sigaction(deadly[i], nullptr, &before[i]);
+    // What is ignored (SIGHUP under nohup) kills nobody and stays ignored.
+    if (before[i].sa_handler != SIG_IGN) ::sigaction(deadly[i], &action, nullptr);
+  }
 }
 
 CrashStop::~CrashStop() {

@@ -343,7 +343,7 @@ class Album {
 /// Where the result goes: a file or stdout, as CSV line by line or as one JSON object at the end.
 class Report {
  public:
-  explicit Report(const DetectOptions& options) : name_(options.output), json_(options.json) {
+  Report(const DetectOptions& options, std::ostream& out) : name_(options.output), out_(out), json_(options.json) {
     if (!name_.empty()) {
       file_.open(name_, std::ios::binary | std::ios::trunc);
       if (!file_) refuse("--output " + name_ + ": cannot be written");
@@ -377,9 +377,10 @@ class Report {
   }
 
  private:
-  std::ostream& stream() { return name_.empty() ? std::cout : file_; }
+  std::ostream& stream() { return name_.empty() ? out_ : file_; }
 
   std::string name_;
+  std::ostream& out_;
   bool json_;
   std::ofstream file_;
   nlohmann::json images_ = nlohmann::json::array();
@@ -463,7 +464,7 @@ int explain_image(const DetectOptions& options) {
   return static_cast<int>(ExitCode::done);
 }
 
-int detect_images(const DetectOptions& options) {
+int detect_images(const DetectOptions& options, std::ostream& out) {
   const std::optional<CornerMethod> method = corner_method(options.method);
   if (!method) refuse("--method " + options.method + " is unknown; known are apriltag, tanh, filter, erf, best");
   if (options.images.empty() && options.list.empty()) refuse("detect needs images or --list FILE.csv");
@@ -475,7 +476,7 @@ int detect_images(const DetectOptions& options) {
   Detectors detectors(options);
   for (const Job& job : jobs) (void)detectors.of(job.family);  // a wrong family is known before the work begins
   Album album(options.annotate);
-  Report report(options);
+  Report report(options, out);
 
   bool all_read = true;
   for (const Job& job : jobs) {

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <iostream>
 #include <string>
 #include <vector>
 
@@ -29,7 +30,8 @@ int explain_image(const DetectOptions& options);
 
 /// Looks for tags in images, one after the other, and writes them as CSV or JSON and as pictures.
 /// Throws Failure(usage) for options, lists and camera files that make no sense.
+/// @param out  where CSV or JSON go without options.output
 /// @return  the exit code: 2 if an image could not be read, after all the others
-int detect_images(const DetectOptions& options);
+int detect_images(const DetectOptions& options, std::ostream& out = std::cout);
 
 }  // namespace tagdock

@@ -77,6 +77,14 @@ Pose2 parse_dock_pose(const std::string& text) {
   return pose;
 }
 
+// What was measured at one docking pose says nothing of another pose or board.
+void forget_taught(Config& config) {
+  DockingConfig& docking = config.docking;
+  docking.dock_pose_taught = false;
+  docking.dock_pose_covariance.setZero();
+  docking.taught_hang.reset();
+}
+
 // What was asked, as one configuration that is exactly what a recording will hold.
 Config configuration(const DockOptions& options) {
   Config config = options.config.empty() ? Config{} : read_config(options.config);
@@ -86,6 +94,7 @@ Config configuration(const DockOptions& options) {
     const DockEntry dock = find_dock(read_docks(options.docks), options.dock_name);
     if (!dock.board.empty()) config.board = read_board(std::filesystem::path(options.docks).parent_path() / dock.board);
     if (dock.dock_pose) config.docking.dock_pose = *dock.dock_pose;
+    if (!dock.board.empty() || dock.dock_pose) forget_taught(config);
   }
   if (!options.rig.empty()) config.rig = read_rig(options.rig);
   if (!options.board.empty()) config.board = read_board(options.board);
@@ -95,6 +104,7 @@ Config configuration(const DockOptions& options) {
   if (!options.name_space.empty()) config.ros2.name_space = options.name_space;
   for (const std::string& rule : options.remaps) remap(config.ros2, rule);
   if (!options.dock_pose.empty()) config.docking.dock_pose = parse_dock_pose(options.dock_pose);
+  if (!options.board.empty() || !options.dock_pose.empty()) forget_taught(config);
   if (!options.scenario.empty()) config.simulation.scenario = options.scenario;
   if (options.errand == Errand::undock) config.docking.errand = Errand::undock;
   if (!options.method.empty()) {
@@ -265,7 +275,7 @@ class Docking {
                     "a pixel (camera.exposure_us, or auto_exposure)",
                     largest_blur_px_, blurred_exposure_us_, blurred_exposure_us_ / largest_blur_px_);
       talk_.event(end, std::string("advice: ") + text);
-      if (recorder_) recorder_->line(SessionStream::events, std::to_string(end.count()) + "," + text);
+      if (recorder_) recorder_->line(SessionStream::events, std::to_string(end.count()) + "," + one_field(text));
     }
     if (recorder_) {
       recorder_->finish();
@@ -320,7 +330,8 @@ class Docking {
       char text[120];
       std::snprintf(text, sizeof text, "exposure %.0f us; gain %.1f dB (the tags' white was at %.0f %%)",
                     wanted->exposure_us, wanted->gain_db, 100.0 * light->white);
-      if (recorder_) recorder_->line(SessionStream::events, std::to_string(frame.arrived.count()) + "," + text);
+      if (recorder_)
+        recorder_->line(SessionStream::events, std::to_string(frame.arrived.count()) + "," + one_field(text));
     }
   }
 
@@ -348,7 +359,7 @@ class Docking {
     recorder_->line(SessionStream::commands, outputs.command_line);
     if (outputs.phase_line) recorder_->line(SessionStream::phases, *outputs.phase_line);
     for (const Event& event : outputs.docking.events)
-      recorder_->line(SessionStream::events, std::to_string(event.time.count()) + "," + event.text);
+      recorder_->line(SessionStream::events, std::to_string(event.time.count()) + "," + one_field(event.text));
   }
 
   void tell(const DockingLoop::Inputs& inputs, const DockingLoop::Outputs& outputs, DockingReport& report) {
@@ -407,6 +418,25 @@ void write_file(const std::string& file, const std::string& text, const std::str
   if (!stream) throw Failure(ExitCode::usage, option + " " + file + ": cannot be written");
 }
 
+// Whether it can be written, asked before anything moves; a file that is there keeps what is in it.
+void check_writable(const std::string& file, const std::string& option) {
+  if (file.empty()) return;
+  const bool was_there = std::filesystem::exists(file);
+  if (!std::ofstream(file, std::ios::binary | std::ios::app))
+    throw Failure(ExitCode::usage, option + " " + file + ": cannot be written");
+  if (!was_there) std::filesystem::remove(file);
+}
+
+// After a docking a file that cannot be written is said, and does not change what the docking came to.
+void try_write_file(const std::string& file, const std::string& text, const std::string& option) {
+  if (file.empty()) return;
+  try {
+    write_file(file, text, option);
+  } catch (const Failure& failure) {
+    std::cerr << "tagdock: " << failure.what() << "\n";
+  }
+}
+
 // Frames that come coarser need not be made coarser still to find tags.
 void adapt_to_coarse_frames(Config& config, int binning) {
   config.locator.detector.decimate = std::max(1, config.locator.detector.decimate / binning);
@@ -434,6 +464,8 @@ int dock(const DockOptions& options) {
       write_file(options.write_config, to_yaml(config), "--write-config");
     return static_cast<int>(ExitCode::done);
   }
+  check_writable(options.report, "--report");
+  check_writable(options.picture, "--picture");
   Devices devices = open_devices(config, {options.seed, options.speedup});
   config.rig.camera = devices.camera_model;
   adapt_to_coarse_frames(config, devices.binning);
@@ -446,12 +478,12 @@ int dock(const DockOptions& options) {
     std::cout << to_json(report).dump(2) << "\n";
   else
     std::cout << words;
-  if (!options.report.empty()) write_file(options.report, to_json(report).dump(2) + "\n", "--report");
+  try_write_file(options.report, to_json(report).dump(2) + "\n", "--report");
   if (!options.picture.empty()) {
     DockingStory story = docking.story();
     std::string line;
     for (std::istringstream stream(words); std::getline(stream, line);) story.lines.push_back(line);
-    write_file(options.picture, docking_picture(story), "--picture");
+    try_write_file(options.picture, docking_picture(story), "--picture");
   }
   return static_cast<int>(exit_code(report));
 }

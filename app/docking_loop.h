@@ -53,6 +53,9 @@ class DockingLoop {
 /// @param odometry  the readings that it used
 DockingLoop::Inputs inputs_of(const TickRecord& tick, std::vector<Odometry> odometry, std::optional<Frame> frame);
 
+/// Text made fit for one field of a CSV line: commas become semicolons, ends of lines spaces.
+std::string one_field(std::string text);
+
 /// A sighting as a line of sightings.csv.
 std::string sighting_line(const Frame& frame, const Sighting& sighting);
 

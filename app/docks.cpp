@@ -3,6 +3,8 @@
 #include <iostream>
 #include <memory>
 
+#include <nlohmann/json.hpp>
+
 #include "app/dock_database.h"
 #include "app/failure.h"
 #include "app/verbs.h"
@@ -13,6 +15,7 @@ namespace {
 struct DocksOptions {
   std::string file;
   std::string output;
+  bool json = false;
 };
 
 void deliver(const std::string& text, const std::string& output) {
@@ -25,27 +28,46 @@ void deliver(const std::string& text, const std::string& output) {
   if (!stream) throw Failure(ExitCode::usage, "--output " + output + ": cannot be written");
 }
 
+std::string json_of(const std::vector<DockEntry>& docks) {
+  const auto pose = [](const Pose2& value) {
+    return nlohmann::ordered_json{{"x", value.x}, {"y", value.y}, {"yaw", value.yaw}};
+  };
+  nlohmann::ordered_json json;
+  json["schema"] = "tagdock-docks/1";
+  json["docks"] = nlohmann::ordered_json::array();
+  for (const DockEntry& dock : docks) {
+    nlohmann::ordered_json one{{"name", dock.name},       {"type", dock.type}, {"frame", dock.frame},
+                               {"pose", pose(dock.pose)}, {"id", dock.id},     {"board", dock.board}};
+    one["dock_pose"] = dock.dock_pose ? pose(*dock.dock_pose) : nlohmann::ordered_json();
+    json["docks"].push_back(one);
+  }
+  return json.dump(2) + "\n";
+}
+
 }  // namespace
 
 void add_docks(CLI::App& program, Action& action) {
   CLI::App* verb = program.add_subcommand("docks", "Docks of this robot, from and to the dock database of Nav2.");
   verb->require_subcommand(1);
-  const auto add = [&](const char* name, const char* what, const char* file, auto convert) {
+  const auto add = [&](const char* name, const char* what, const char* file, auto read, auto write) {
     auto options = std::make_shared<DocksOptions>();
     CLI::App* one = verb->add_subcommand(name, what);
     one->add_option("file", options->file, file)->required();
     one->add_option("--output", options->output, "file to write; stdout without");
-    one->callback([options, convert, &action] {
-      action = [options, convert] {
-        deliver(convert(options->file), options->output);
+    one->add_flag("--json", options->json,
+                  "the docks as one JSON object on stdout, m and rad; with --output beside it");
+    one->callback([options, read, write, &action] {
+      action = [options, read, write] {
+        const std::vector<DockEntry> docks = read(options->file);
+        if (!options->json || !options->output.empty()) deliver(write(docks), options->output);
+        if (options->json) std::cout << json_of(docks);
         return static_cast<int>(ExitCode::done);
       };
     });
   };
   add("import", "Nav2's dock database to ours.", "Nav2's: docks: {NAME: {type, frame, pose: [x, y, yaw], id}}",
-      [](const std::string& file) { return docks_yaml(read_nav2_docks(file)); });
-  add("export", "Our docks as Nav2's dock database.", "ours, as import writes it",
-      [](const std::string& file) { return nav2_docks(read_docks(file)); });
+      read_nav2_docks, docks_yaml);
+  add("export", "Our docks as Nav2's dock database.", "ours, as import writes it", read_docks, nav2_docks);
   verb->footer(
       "Examples:\n  tagdock docks import nav2_docks.yaml --output docks.yaml\n"
       "  tagdock docks export docks.yaml --output nav2_docks.yaml\n"

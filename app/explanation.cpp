@@ -9,6 +9,7 @@
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 
+#include "app/html.h"
 #include "app/svg.h"
 
 namespace tagdock {
@@ -20,19 +21,6 @@ constexpr double picture_px = 330.0;    ///< width of a picture on the page
 constexpr double band_px = 5.0;         ///< of the profiles, to each side of an edge
 constexpr double bin_px = 0.25;         ///< of the model's curve
 constexpr std::size_t most_dots = 250;  ///< pixels drawn in one profile
-
-std::string escaped(const std::string& words) {
-  std::string text;
-  for (const char letter : words) {
-    if (letter == '&')
-      text += "&amp;";
-    else if (letter == '<')
-      text += "&lt;";
-    else
-      text += letter;
-  }
-  return text;
-}
 
 std::vector<unsigned char> png(const cv::Mat& picture) {
   // Small patches are enlarged, so that a browser shows pixels as squares.
@@ -141,13 +129,13 @@ std::string explanation_page(const cv::Mat1b& gray, const std::string& image, co
       "</title><style>body{font-family:sans-serif;max-width:1040px;margin:1em auto;padding:0 1em}"
       "table{border-collapse:collapse}th,td{text-align:left;padding:.15em .8em;border-bottom:1px solid #ddd}"
       "svg{width:100%;height:auto}</style></head><body>\n<h1>" +
-      escaped(family) + ", tag " + std::to_string(tag.id) + "</h1>\n<p>" + escaped(image) + "</p>\n" + pictures.text() +
-      "<p>" + shows[2].first +
+      html_text(family) + ", tag " + std::to_string(tag.id) + "</h1>\n<p>" + html_text(image) + "</p>\n" +
+      pictures.text() + "<p>" + shows[2].first +
       ". Pixels outside of the print are not the model's.</p>\n<h2>Across the sides</h2>\n<p>Dots: pixels beside the "
       "middle of a side. Line: what the fitted model gives them (a step through a Gaussian blur, integrated over the "
       "pixel; with the other terms that were on).</p>\n" +
       profiles.text() + "<h2>Parameters</h2>\n<table>\n";
-  page += row("terms", escaped(tag.terms), "of the model that were on");
+  page += row("terms", html_text(tag.terms), "of the model that were on");
   page += row("chi-square per pixel", plain(tag.chi2_per_pixel, 3), "about 1 if the model explains the image");
   page += row("residual", plain(tag.residual_rms, 2) + " grey levels rms", "");
   page += row("noise", plain(explained.noise_black, 2) + " / " + plain(explained.noise_white, 2) + " grey levels",

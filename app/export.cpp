@@ -37,6 +37,7 @@ struct ExportOptions {
   double rate = 25.0;
   double from = 0.0;
   double to = 1e12;
+  bool json = false;
 };
 
 void write_whole(const fs::path& file, const void* bytes, std::size_t size) {
@@ -307,8 +308,22 @@ int export_frames(const ExportOptions& options) {
     ++written;
   }
   for (const auto& sink : sinks) sink->finish();
-  std::printf("%llu frames of %s (%s) written\n", static_cast<unsigned long long>(written), options.source.c_str(),
-              source.kind.c_str());
+  if (options.json) {
+    nlohmann::ordered_json json{{"schema", "tagdock-export/1"},
+                                {"source", options.source},
+                                {"kind", source.kind},
+                                {"frames", written},
+                                {"unreadable", source.frames.size() - written},
+                                {"written", nlohmann::ordered_json::object()},
+                                {"remarks", source.remarks}};
+    for (const auto& [name, where] :
+         {std::pair{"euroc", &options.euroc}, {"tum", &options.tum}, {"mp4", &options.mp4}, {"mcap", &options.mcap}})
+      if (!where->empty()) json["written"][name] = *where;
+    std::cout << json.dump(2, ' ', false, nlohmann::json::error_handler_t::replace) << "\n";
+  } else {
+    std::printf("%llu frames of %s (%s) written\n", static_cast<unsigned long long>(written), options.source.c_str(),
+                source.kind.c_str());
+  }
   return static_cast<int>(spoiled ? ExitCode::usage : ExitCode::done);
 }
 
@@ -328,6 +343,7 @@ void add_export(CLI::App& program, Action& action) {
   verb->add_option("--rate", options->rate, "pictures a second, where they have no times")->capture_default_str();
   verb->add_option("--from", options->from, "leave out what is before, in seconds after the first frame");
   verb->add_option("--to", options->to, "leave out what is after, in seconds after the first frame");
+  verb->add_flag("--json", options->json, "what was written, as one JSON object on stdout");
   verb->footer(
       "Examples:\n  tagdock export docking1 --mcap docking1.mcap\n  tagdock export docking1 --from 10 --to 20 --euroc "
       "part --mp4 part.mp4\n"

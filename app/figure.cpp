@@ -7,6 +7,7 @@
 #include <cstdio>
 
 #include "app/failure.h"
+#include "app/html.h"
 #include "app/svg.h"
 
 namespace tagdock {
@@ -26,21 +27,6 @@ std::string style_of(const Ink& ink) {
   if (ink.stroke >= 0) style += ";stroke-width:" + plain(ink.width, 2);
   if (ink.opacity < 1.0) style += ";opacity:" + plain(ink.opacity, 2);
   return style;
-}
-
-std::string escaped(const std::string& words) {
-  std::string text;
-  for (const char letter : words) {
-    if (letter == '&')
-      text += "&amp;";
-    else if (letter == '<')
-      text += "&lt;";
-    else if (letter == '>')
-      text += "&gt;";
-    else
-      text += letter;
-  }
-  return text;
 }
 
 void set_colour(cairo_t* cr, int value, double opacity) {
@@ -172,25 +158,25 @@ void Axes::draw(Figure& figure, const std::string& x_label, const std::string& y
 
 std::string to_html(const Report& report) {
   std::string page =
-      "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><title>" + escaped(report.title) +
+      "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><title>" + html_text(report.title) +
       "</title>\n<style>body{font-family:sans-serif;max-width:1000px;margin:1.5em auto;padding:0 1em;color:#1a1a1a}"
       ".good,.bad{padding:.6em 1em;border-left:8px solid}.good{background:#e6f4e6;border-color:#2a7a2a}"
       ".bad{background:#fbe9e7;border-color:#b3261e}table{border-collapse:collapse;font-size:.85em}"
       "td,th{border:1px solid #ccc;padding:.15em .5em;text-align:left}figure{display:inline-block;margin:.5em;"
       "vertical-align:top;width:46%;min-width:300px}figcaption{font-weight:bold;font-size:.9em}svg{width:100%}</style>"
       "</head>\n<body>\n<h1>" +
-      escaped(report.title) + "</h1>\n<div class=\"" + (report.good ? "good" : "bad") + "\">";
-  for (const std::string& sentence : report.verdict) page += "<p>" + escaped(sentence) + "</p>";
+      html_text(report.title) + "</h1>\n<div class=\"" + (report.good ? "good" : "bad") + "\">";
+  for (const std::string& sentence : report.verdict) page += "<p>" + html_text(sentence) + "</p>";
   page += "</div>\n";
-  for (const std::string& sentence : report.sentences) page += "<p>" + escaped(sentence) + "</p>\n";
+  for (const std::string& sentence : report.sentences) page += "<p>" + html_text(sentence) + "</p>\n";
   for (const Figure& figure : report.figures)
-    page += "<figure><figcaption>" + escaped(figure.title()) + "</figcaption>" + figure.svg() + "</figure>\n";
+    page += "<figure><figcaption>" + html_text(figure.title()) + "</figcaption>" + figure.svg() + "</figure>\n";
   for (const Report::Table& table : report.tables) {
-    page += "<h2>" + escaped(table.title) + "</h2>\n<table>\n";
+    page += "<h2>" + html_text(table.title) + "</h2>\n<table>\n";
     for (std::size_t i = 0; i < table.rows.size(); ++i) {
       page += "<tr>";
       const std::string cell = i == 0 ? "th" : "td";
-      for (const std::string& words : table.rows[i]) page += "<" + cell + ">" + escaped(words) + "</" + cell + ">";
+      for (const std::string& words : table.rows[i]) page += "<" + cell + ">" + html_text(words) + "</" + cell + ">";
       page += "</tr>\n";
     }
     page += "</table>\n";

@@ -6,6 +6,7 @@
 #include "app/csv_table.h"
 #include "app/failure.h"
 #include "app/fields.h"
+#include "app/rig_file.h"
 #include "app/yaml_file.h"
 #include "planning/pose2.h"
 
@@ -20,18 +21,7 @@ CameraModel read_camera(YamlMap map) {
   camera.fy = map.number("fy", 1.0, 1e6);
   camera.cx = map.number("cx", -1e5, 1e5);
   camera.cy = map.number("cy", -1e5, 1e5);
-  if (map.has("dist")) {
-    std::vector<double> dist = map.numbers("dist", 0, 8);
-    dist.resize(8, 0.0);
-    camera.k1 = dist[0];
-    camera.k2 = dist[1];
-    camera.p1 = dist[2];
-    camera.p2 = dist[3];
-    camera.k3 = dist[4];
-    camera.k4 = dist[5];
-    camera.k5 = dist[6];
-    camera.k6 = dist[7];
-  }
+  if (map.has("dist")) set_distortion(camera, map.numbers("dist", 0, 8));
   return camera;
 }
 

@@ -16,10 +16,14 @@ std::string html_head(const std::string& title) {
 std::string html_text(const std::string& text) {
   std::string result;
   for (const char letter : text) {
-    if (letter == '<')
-      result += "&lt;";
-    else if (letter == '&')
+    if (letter == '&')
       result += "&amp;";
+    else if (letter == '<')
+      result += "&lt;";
+    else if (letter == '>')
+      result += "&gt;";
+    else if (letter == '"')
+      result += "&quot;";
     else
       result += letter;
   }

@@ -1,6 +1,7 @@
 #include "app/operator_input.h"
 
 #include <array>
+#include <cerrno>
 #include <poll.h>
 #include <termios.h>
 #include <unistd.h>
@@ -56,23 +57,26 @@ Request OperatorInput::next() {
   if (!keys_ && !words_) return Request::none;
   pollfd ready{STDIN_FILENO, POLLIN, 0};
   std::array<char, 256> bytes{};
-  while (::poll(&ready, 1, 0) > 0 && text_.size() < 4096) {
+  while (!ended_ && text_.size() < 4096 && ::poll(&ready, 1, 0) > 0) {
     const ssize_t count = ::read(STDIN_FILENO, bytes.data(), bytes.size());
-    if (count <= 0) {
-      words_ = keys_ = keys_ && count != 0;
-      break;
-    }
+    ended_ = count == 0 || (count < 0 && errno != EINTR && errno != EAGAIN);
+    if (count <= 0) break;
     text_.append(bytes.data(), static_cast<std::size_t>(count));
   }
   while (!text_.empty()) {
-    std::string first(1, text_.front());
+    Request request = Request::none;
     if (words_) {
       const std::size_t end = text_.find('\n');
-      if (end == std::string::npos) return Request::none;
-      first = text_.substr(0, end);
+      // Half a line may go on; one that nobody can end is noise.
+      if (end == std::string::npos && !ended_ && text_.size() < 4096) return Request::none;
+      std::string word = text_.substr(0, end);
+      if (!word.empty() && word.back() == '\r') word.pop_back();
+      text_.erase(0, end == std::string::npos ? end : end + 1);
+      request = by_word(word);
+    } else {
+      request = by_key(text_.front());
+      text_.erase(0, 1);
     }
-    text_.erase(0, first.size() + (words_ ? 1 : 0));
-    const Request request = words_ ? by_word(first) : by_key(first.front());
     if (request != Request::none) return request;
   }
   return Request::none;

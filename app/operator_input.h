@@ -10,7 +10,7 @@ namespace tagdock {
 /// where there is no terminal the words pause, resume, cancel, stop, one a line, on standard input.
 class OperatorInput {
  public:
-  /// @param words  read words from standard input although it is no terminal
+  /// @param words  read words from standard input although it is no terminal; a last word needs no end of line
   explicit OperatorInput(bool words);
   ~OperatorInput();
   OperatorInput(const OperatorInput&) = delete;
@@ -25,7 +25,8 @@ class OperatorInput {
  private:
   bool keys_ = false;
   bool words_ = false;
-  std::string text_;  ///< read and not yet understood
+  bool ended_ = false;  ///< standard input has no more, or cannot be read
+  std::string text_;    ///< read and not yet understood
 };
 
 }  // namespace tagdock

@@ -6,6 +6,8 @@
 #include <limits>
 #include <vector>
 
+#include "app/html.h"
+
 namespace tagdock {
 namespace {
 
@@ -17,21 +19,6 @@ std::string format(const char* pattern, ...) {
   std::vsnprintf(text, sizeof text, pattern, arguments);
   va_end(arguments);
   return text;
-}
-
-std::string escaped(const std::string& text) {
-  std::string result;
-  for (const char c : text) {
-    if (c == '<')
-      result += "&lt;";
-    else if (c == '>')
-      result += "&gt;";
-    else if (c == '&')
-      result += "&amp;";
-    else
-      result += c;
-  }
-  return result;
 }
 
 struct Box {
@@ -300,7 +287,7 @@ std::string plan_picture(const DockingPlanResult& result, const PlanScene& scene
   std::string svg =
       "<svg xmlns='http://www.w3.org/2000/svg' width='1280' height='720' viewBox='0 0 1280 720'>\n"
       "<rect width='1280' height='720' fill='#ffffff'/>\n<g font-family='DejaVu Sans, sans-serif' fill='#222222'>\n";
-  svg += "<text x='60' y='30' font-size='17'>" + escaped(scene.title) + "</text>\n";
+  svg += "<text x='60' y='30' font-size='17'>" + html_text(scene.title) + "</text>\n";
   const auto* refused = std::get_if<PlanRefusal>(&result);
   const std::vector<Candidate> none;
   draw_map(svg, plan,
@@ -324,7 +311,7 @@ std::string plan_picture(const DockingPlanResult& result, const PlanScene& scene
     while (!text.empty()) {
       std::size_t cut = text.size() <= 62 ? text.size() : text.rfind(' ', 62);
       if (cut == std::string::npos || cut == 0) cut = std::min<std::size_t>(62, text.size());
-      svg += format("<text x='780' y='%.0f' font-size='13'>", y) + escaped(text.substr(0, cut)) + "</text>\n";
+      svg += format("<text x='780' y='%.0f' font-size='13'>", y) + html_text(text.substr(0, cut)) + "</text>\n";
       text.erase(0, std::min(text.size(), cut + 1));
       y += 20.0;
     }

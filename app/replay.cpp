@@ -1,9 +1,13 @@
 // Verb: replay. A recorded session, or images, through the same code.
+#include <algorithm>
+#include <cmath>
 #include <cstdio>
 #include <filesystem>
 #include <fstream>
 #include <iostream>
 #include <memory>
+#include <optional>
+#include <sstream>
 #include <thread>
 #include <unistd.h>
 
@@ -101,7 +105,9 @@ int replay_session(const ReplayOptions& options, const Session& session) {
   if (!options.rig.empty()) config.rig = read_rig(options.rig);
   if (!options.board.empty()) config.board = read_board(options.board);
   if (!options.method.empty()) config.locator.method = *corner_method(options.method);
-  config.docking.rig = config.rig;
+  // As a configuration is read: what cannot dock is refused, and what follows from it is made anew.
+  if (!options.camera.empty() || !options.rig.empty() || !options.board.empty())
+    config = parse_config(to_yaml(config), "(recorded configuration with what was given now)");
 
   Pace pace(options);
   const ReplayResult result =
@@ -111,6 +117,8 @@ int replay_session(const ReplayOptions& options, const Session& session) {
           what = outputs.sighting_line->substr(0, 90) + "  command " + outputs.command_line;
         return pace.at(std::chrono::duration<double>(inputs.now).count(), what);
       });
+  if (options.compare && result.cycles == 0)
+    throw Failure(ExitCode::usage, "--compare: this recording has no control cycle, so nothing that could be compared");
   const ReplayDifference made = difference(session, result);
   if (!options.output.empty()) {
     std::filesystem::create_directories(options.output);
@@ -122,6 +130,7 @@ int replay_session(const ReplayOptions& options, const Session& session) {
     nlohmann::ordered_json json;
     json["schema"] = "tagdock-replay/1";
     json["cycles"] = result.cycles;
+    json["recorded_cycles"] = session.ticks.size();
     json["frames"] = result.frames;
     json["sightings"] = result.sightings;
     json["last_phase"] = result.last_phase;
@@ -136,11 +145,17 @@ int replay_session(const ReplayOptions& options, const Session& session) {
     std::printf("%llu cycles, %llu frames, %llu with the board; ended %s\n",
                 static_cast<unsigned long long>(result.cycles), static_cast<unsigned long long>(result.frames),
                 static_cast<unsigned long long>(result.sightings), result.last_phase.c_str());
-    if (result.difference_count == 0)
-      std::printf("bit-equal: every sighting, phase and command is as it was recorded\n");
-    else
+    if (result.difference_count > 0)
       std::printf("%llu lines differ from the recording\n%s", static_cast<unsigned long long>(result.difference_count),
                   words(made).c_str());
+    else if (result.cycles == 0)
+      std::printf("no control cycle, so nothing to compare\n");
+    else if (result.ended_early)
+      std::printf(
+          "bit-equal: every sighting, phase and command of the first %llu of %zu cycles is as it was recorded\n",
+          static_cast<unsigned long long>(result.cycles), session.ticks.size());
+    else
+      std::printf("bit-equal: every sighting, phase and command is as it was recorded\n");
     for (const std::string& difference : result.differences) std::printf("%s\n", difference.c_str());
   }
   return static_cast<int>(options.compare && result.difference_count > 0 ? ExitCode::failed : ExitCode::done);
@@ -188,6 +203,18 @@ void show_sightings(const ReplayOptions& options, const std::vector<std::string>
 
 int replay_images(const ReplayOptions& options);
 
+// Of the first picture that can be read.
+cv::Size size_of_first(const FrameSource& source) {
+  for (const SourceFrame& frame : source.frames) {
+    try {
+      return frame.load().size();
+    } catch (const Failure&) {
+      // Said when its turn comes.
+    }
+  }
+  throw Failure(ExitCode::usage, "none of the pictures can be read");
+}
+
 // A recording without a docking: what would be seen in it.
 int replay_recording(const ReplayOptions& options) {
   if (options.compare)
@@ -198,12 +225,13 @@ int replay_recording(const ReplayOptions& options) {
   const Board board = options.board.empty() ? head.config.board : read_board(options.board);
   FrameSource source = open_frames(options.folder, options.rate);
   const std::size_t recorded = source.frames.size();
-  if (const cv::Size size = source.frames.front().load().size();
+  if (const cv::Size size = size_of_first(source);
       options.rig.empty() && (size.width != rig.camera.width || size.height != rig.camera.height)) {
     std::cerr << "replay: recorded without a calibration of this camera (" << size.width << "x" << size.height
               << "): tags are looked for, not the board; --rig gives one\n";
     return replay_images(options);
   }
+  for (const std::string& remark : source.remarks) std::cerr << "replay: " << remark << "\n";
   keep_between(source, options.from, options.to);
   bool spoiled = false;
   const std::vector<std::string> lines = board_sightings(options, rig, board, source, spoiled);
@@ -222,6 +250,75 @@ int replay_recording(const ReplayOptions& options) {
   return static_cast<int>(spoiled ? ExitCode::usage : ExitCode::done);
 }
 
+// Lines of sightings.csv as objects, with the columns' names; numbers where they are numbers.
+nlohmann::json json_of(const std::vector<std::string>& lines) {
+  const auto fields = [](const std::string& line) {
+    std::vector<std::string> parts;
+    std::istringstream stream(line + ",");
+    for (std::string part; std::getline(stream, part, ',');) parts.push_back(part);
+    return parts;
+  };
+  const std::vector<std::string> names = fields(header(SessionStream::sightings));
+  nlohmann::json sightings = nlohmann::json::array();
+  for (const std::string& line : lines) {
+    const std::vector<std::string> values = fields(line);
+    nlohmann::json one = nlohmann::json::object();
+    for (std::size_t i = 0; i < std::min(names.size(), values.size()); ++i) {
+      if (values[i].empty()) continue;
+      const nlohmann::json number =
+          names[i] == "tags" ? nlohmann::json() : nlohmann::json::parse(values[i], nullptr, false);
+      one[names[i]] = number.is_number() ? number : nlohmann::json(values[i]);
+    }
+    sightings.push_back(one);
+  }
+  return sightings;
+}
+
+// The pictures of a video as files, beside what is made of them, or in a folder that goes with this object.
+class CutFolder {
+ public:
+  explicit CutFolder(const std::string& output)
+      : keep_(!output.empty()),
+        folder_((keep_ ? std::filesystem::path(output) : std::filesystem::temp_directory_path()) /
+                ("frames_" + std::to_string(::getpid()))) {
+    std::filesystem::create_directories(folder_);
+  }
+  ~CutFolder() {
+    std::error_code error;
+    if (!keep_) std::filesystem::remove_all(folder_, error);
+  }
+  CutFolder(const CutFolder&) = delete;
+  CutFolder& operator=(const CutFolder&) = delete;
+
+  // Pictures that cannot be read are said and taken out: a video's own count of them is an estimate.
+  // @return whether there were such
+  bool take(FrameSource& source) {
+    const std::size_t before = source.frames.size();
+    std::erase_if(source.frames, [&](SourceFrame& frame) {
+      std::vector<std::uint8_t> png;
+      try {
+        png = png_of(frame.load(), "");
+      } catch (const Failure& failure) {
+        std::cerr << "replay: " << failure.what() << "\n";
+        return true;
+      }
+      char name[32];
+      std::snprintf(name, sizeof name, "I%06llu.png", static_cast<unsigned long long>(frame.number));
+      frame.file = (folder_ / name).string();
+      std::ofstream stream(frame.file, std::ios::binary);
+      stream.write(reinterpret_cast<const char*>(png.data()), static_cast<std::streamsize>(png.size()));
+      if (!stream.flush()) throw Failure(ExitCode::usage, frame.file + ": cannot be written");
+      return false;
+    });
+    if (source.frames.empty()) throw Failure(ExitCode::usage, "no picture of the video can be read");
+    return source.frames.size() < before;
+  }
+
+ private:
+  bool keep_;
+  std::filesystem::path folder_;
+};
+
 int replay_images(const ReplayOptions& options) {
   if (options.compare)
     throw Failure(ExitCode::usage, "--compare needs a session folder; images have nothing to compare with");
@@ -231,49 +328,46 @@ int replay_images(const ReplayOptions& options) {
   for (const std::string& remark : source.remarks) std::cerr << "replay: " << remark << "\n";
   keep_between(source, options.from, options.to);
   if (source.frames.empty()) throw Failure(ExitCode::usage, "there is no picture between --from and --to");
-  DetectOptions detect;
-  // The pictures of a video become files first, beside what is made of them.
-  std::filesystem::path cut;
-  const bool keep_cut = !options.output.empty();
+  bool spoiled = false;
+  std::optional<CutFolder> cut;
   if (source.kind == "video") {
-    cut = (keep_cut ? std::filesystem::path(options.output) : std::filesystem::temp_directory_path()) /
-          ("frames_" + std::to_string(::getpid()));
-    std::filesystem::create_directories(cut);
+    cut.emplace(options.output);
+    spoiled = cut->take(source);
   }
-  for (const SourceFrame& frame : source.frames) {
-    if (!frame.file.empty()) {
-      detect.images.push_back(frame.file);
-      continue;
-    }
-    char name[32];
-    std::snprintf(name, sizeof name, "I%06llu.png", static_cast<unsigned long long>(frame.number));
-    const std::vector<std::uint8_t> png = png_of(frame.load(), "");
-    std::ofstream(cut / name, std::ios::binary)
-        .write(reinterpret_cast<const char*>(png.data()), static_cast<std::streamsize>(png.size()));
-    detect.images.push_back((cut / name).string());
-  }
+  DetectOptions detect;
+  for (const SourceFrame& frame : source.frames) detect.images.push_back(frame.file);
   detect.camera = options.camera.empty() ? options.rig : options.camera;
   detect.family = options.family;
   detect.tag_size = options.tag_size;
   if (!options.method.empty()) detect.method = options.method;
   detect.json = options.json;
+  const std::filesystem::path folder = options.output;
   if (!options.output.empty()) {
-    std::filesystem::create_directories(options.output);
-    detect.output = (std::filesystem::path(options.output) / (options.json ? "tags.json" : "tags.csv")).string();
+    std::filesystem::create_directories(folder);
+    detect.output = (folder / (options.json ? "tags.json" : "tags.csv")).string();
     detect.annotate = options.output;
   }
-  int code = detect_images(detect);
-  if (!cut.empty() && !keep_cut) std::filesystem::remove_all(cut);
-  if (options.board.empty()) return code;
-  bool spoiled = false;
-  show_sightings(options, board_sightings(options, read_rig(options.rig), read_board(options.board), source, spoiled));
-  if (spoiled && code == 0) code = static_cast<int>(ExitCode::usage);
-  return code;
+  std::ostringstream tags;
+  const int code = detect_images(detect, options.json ? tags : std::cout);
+  if (!options.board.empty()) {
+    const std::vector<std::string> lines =
+        board_sightings(options, read_rig(options.rig), read_board(options.board), source, spoiled);
+    if (!options.json || !options.output.empty()) show_sightings(options, lines);
+    if (options.json && options.output.empty()) {
+      nlohmann::json whole = nlohmann::json::parse(tags.str());
+      whole["sightings"] = json_of(lines);
+      tags.str(whole.dump(1) + "\n");
+    }
+  }
+  std::cout << tags.str();
+  return spoiled ? static_cast<int>(ExitCode::usage) : code;
 }
 
 int replay_any(const ReplayOptions& options) {
   if (!(options.rate > 0.0 && options.rate <= 1e4))
     throw Failure(ExitCode::usage, "--rate must be between 0 and 10000 pictures a second");
+  if (!(options.speed >= 0.0 && std::isfinite(options.speed)))
+    throw Failure(ExitCode::usage, "--speed must be 0 (as fast as it can) or more");
   if (!(options.from <= options.to)) throw Failure(ExitCode::usage, "--from must not be after --to");
   if (!options.method.empty() && !corner_method(options.method))
     throw Failure(ExitCode::usage,

@@ -1,7 +1,8 @@
 #include "app/rig_file.h"
 
+#include <initializer_list>
 #include <set>
-#include <stdexcept>
+#include <string_view>
 
 namespace tagdock {
 namespace {
@@ -22,6 +23,18 @@ void visit(Fields& fields, CameraModel& camera) {
   if (camera.k4 != 0.0 || camera.k5 != 0.0 || camera.k6 != 0.0)
     dist.insert(dist.end(), {camera.k4, camera.k5, camera.k6});
   fields.numbers("dist", dist, 5, 8);
+  set_distortion(camera, dist);
+}
+
+// In a configuration what is missing keeps its default; a file about one instrument or board has nothing to default to.
+void need(YamlMap map, std::initializer_list<std::string_view> keys) {
+  for (const std::string_view key : keys)
+    if (!map.has(key)) map.refuse(key, "is missing");
+}
+
+}  // namespace
+
+void set_distortion(CameraModel& camera, std::vector<double> dist) {
   dist.resize(8, 0.0);
   camera.k1 = dist[0];
   camera.k2 = dist[1];
@@ -32,8 +45,6 @@ void visit(Fields& fields, CameraModel& camera) {
   camera.k5 = dist[6];
   camera.k6 = dist[7];
 }
-
-}  // namespace
 
 void visit(Fields& fields, Rig& rig) {
   fields.group("camera", [&](Fields& inner) { visit(inner, rig.camera); });
@@ -69,11 +80,14 @@ Rig read_rig(const std::filesystem::path& file) {
   YamlMap map = YamlMap::load(file);
   for (const std::string_view key : {"camera", "T_base_cam"})
     if (!map.has(key)) map.refuse(key, "is missing; a rig file has camera, T_base_cam and odometry");
-  for (const std::string_view key : {"width", "height", "fx", "fy", "cx", "cy", "dist"})
-    if (YamlMap camera = map.map("camera"); !camera.has(key)) camera.refuse(key, "is missing");
+  need(map.map("camera"), {"width", "height", "fx", "fy", "cx", "cy", "dist"});
+  need(map.map("T_base_cam"), {"t", "q_xyzw"});
   for (const char* key : judged_keys) (void)map.has(key);
   if (map.has("verdict") && map.text("verdict") == "refused")
     map.refuse("verdict", "is refused; this calibration says of itself that it is not good enough to dock with");
+  // Measured against a tracker, a rig has no wheels: `calibrate` leaves them out and tells its uncertainty.
+  if (!map.has("T_base_cam_sigma") && !map.has("T_base_cam_covariance")) need(map, {"odometry"});
+  if (map.has("odometry")) need(map.map("odometry"), {"r_left", "r_right", "track"});
   Rig rig;
   FieldReader reader(map);
   visit(reader, rig);
@@ -86,6 +100,10 @@ Board read_board(const std::filesystem::path& file) {
   Board board;
   FieldReader reader(map);
   visit(reader, board);
+  for (const YamlMap& tag : map.maps("tags")) {
+    need(tag, {"id", "size", "T_station_tag"});
+    need(YamlMap(tag).map("T_station_tag"), {"t", "q_xyzw"});
+  }
   map.finish();
   return board;
 }

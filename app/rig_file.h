@@ -1,6 +1,7 @@
 #pragma once
 
 #include <filesystem>
+#include <vector>
 
 #include "app/fields.h"
 #include "calibration/rig.h"
@@ -12,12 +13,16 @@ namespace tagdock {
 void visit(Fields& fields, Rig& rig);
 void visit(Fields& fields, Board& board);
 
-/// Reads a rig file. Keys that only judges read (sigmas, rejected views) are passed over.
+/// Distortion as `dist` lists it: k1, k2, p1, p2, k3, k4, k5, k6; those at the end that are not given are 0.
+void set_distortion(CameraModel& camera, std::vector<double> dist);
+
+/// Reads a rig file. Keys that only judges read (sigmas, rejected views) are passed over. Every value must be there;
+/// only a calibration against a tracker, told by its uncertainty, may be without odometry and then has the default one.
 /// Throws Failure(usage) with file, line and key.
 Rig read_rig(const std::filesystem::path& file);
 
 /// Reads a board file.
-/// Throws Failure(usage): no tags, an id twice, a size outside 0.01..2 m.
+/// Throws Failure(usage): no tags, an id twice, a size outside 0.01..2 m, a tag without id, size or place.
 Board read_board(const std::filesystem::path& file);
 
 }  // namespace tagdock

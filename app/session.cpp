@@ -447,6 +447,8 @@ Session read_session(const std::filesystem::path& folder) {
     session.frames.push_back(frame);
   }
   adopt_frames(session, known);
+  std::stable_sort(session.frames.begin(), session.frames.end(),
+                   [](const RecordedFrame& a, const RecordedFrame& b) { return a.time < b.time; });
   const auto read = [&](SessionStream stream) {
     return lines_of(folder / stream_files[static_cast<std::size_t>(stream)], session.remarks);
   };

@@ -1,6 +1,7 @@
 #include "app/session_replay.h"
 
 #include <algorithm>
+#include <charconv>
 #include <cstdio>
 #include <map>
 
@@ -35,7 +36,11 @@ SessionHead read_session_head(const std::filesystem::path& folder) {
     map.refuse("format", "is " + std::to_string(format) + "; this program reads format 1");
   SessionHead head;
   head.program = map.text("program");
-  head.seed = static_cast<std::uint64_t>(map.integer("seed", 0, std::int64_t{1} << 53));
+  // Not through a double, which has 53 bits.
+  const std::string seed = map.text("seed");
+  if (const auto [end, error] = std::from_chars(seed.data(), seed.data() + seed.size(), head.seed);
+      error != std::errc() || end != seed.data() + seed.size())
+    map.refuse("seed", "is " + seed + "; it must be a whole number from 0 to 18446744073709551615");
   head.camera_name = map.text("camera_name");
   if (std::optional<YamlMap> camera = map.optional_map("camera")) {
     CameraSettings& actual = head.camera;
@@ -67,7 +72,7 @@ ReplayResult replay(const Session& session, const Config& config, const ReplayWa
   std::size_t odometry = 0;
   const TickRecord* first_not_recorded = nullptr;
   for (const TickRecord& tick : session.ticks) {
-    const std::size_t end = std::min(odometry + tick.odometry_read, session.odometry.size());
+    const std::size_t end = odometry + std::min(tick.odometry_read, session.odometry.size() - odometry);
     std::vector<Odometry> readings(session.odometry.begin() + static_cast<std::ptrdiff_t>(odometry),
                                    session.odometry.begin() + static_cast<std::ptrdiff_t>(end));
     odometry = end;

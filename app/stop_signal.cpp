@@ -1,6 +1,9 @@
 #include "app/stop_signal.h"
 
+#include <atomic>
 #include <csignal>
+#include <cstdint>
+#include <ctime>
 #include <unistd.h>
 
 #include "app/failure.h"
@@ -8,17 +11,29 @@
 namespace tagdock {
 namespace {
 
-volatile std::sig_atomic_t stop_requests = 0;
+// One Ctrl-C may come twice: from the terminal to the whole group and from a script that passes it on.
+constexpr std::int64_t same_request_ns = 500'000'000;
+
+std::atomic<std::int64_t> first_ns{0};                          // of the request; 0 is none
+static_assert(std::atomic<std::int64_t>::is_always_lock_free);  // what a signal may touch
+
+std::int64_t now_ns() {
+  struct timespec now = {};
+  ::clock_gettime(CLOCK_MONOTONIC, &now);
+  return std::int64_t{now.tv_sec} * 1'000'000'000 + now.tv_nsec;
+}
 
 void on_signal(int) {
-  stop_requests = stop_requests + 1;
-  if (stop_requests > 1) ::_exit(static_cast<int>(ExitCode::interrupted));
+  const std::int64_t now = now_ns();
+  std::int64_t first = 0;
+  if (!first_ns.compare_exchange_strong(first, now) && now - first > same_request_ns)
+    ::_exit(static_cast<int>(ExitCode::interrupted));
 }
 
 }  // namespace
 
 StopSignal::StopSignal() {
-  stop_requests = 0;
+  first_ns = 0;
   std::signal(SIGINT, on_signal);
   std::signal(SIGTERM, on_signal);
 }
@@ -28,6 +43,6 @@ StopSignal::~StopSignal() {
   std::signal(SIGTERM, SIG_DFL);
 }
 
-bool StopSignal::requested() const { return stop_requests > 0; }
+bool StopSignal::requested() const { return first_ns != 0; }
 
 }  // namespace tagdock

@@ -2,8 +2,8 @@
 
 namespace tagdock {
 
-/// Ctrl-C and SIGTERM while one of these lives: the first asks the running job to stop the robot and end, the second
-/// ends the program at once.
+/// Ctrl-C and SIGTERM while one of these lives: the first asks the running job to stop the robot and end; another one,
+/// more than half a second later, ends the program at once.
 class StopSignal {
  public:
   StopSignal();

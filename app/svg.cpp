@@ -5,6 +5,8 @@
 #include <cstdio>
 #include <limits>
 
+#include "app/html.h"
+
 namespace tagdock {
 namespace {
 
@@ -13,29 +15,6 @@ std::string coordinate(double value) { return plain(value, 2); }
 std::string pairs(const std::vector<Eigen::Vector2d>& points) {
   std::string text;
   for (const Eigen::Vector2d& point : points) text += coordinate(point.x()) + "," + coordinate(point.y()) + " ";
-  return text;
-}
-
-std::string escaped(const std::string& words) {
-  std::string text;
-  for (const char letter : words) {
-    switch (letter) {
-      case '&':
-        text += "&amp;";
-        break;
-      case '<':
-        text += "&lt;";
-        break;
-      case '>':
-        text += "&gt;";
-        break;
-      case '"':
-        text += "&quot;";
-        break;
-      default:
-        text += letter;
-    }
-  }
   return text;
 }
 
@@ -82,7 +61,7 @@ void Svg::rectangle(const Eigen::Vector2d& corner, double width, double height, 
 void Svg::text(const Eigen::Vector2d& place, const std::string& words, double size, const std::string& anchor,
                const std::string& style) {
   body_ += "<text x=\"" + coordinate(place.x()) + "\" y=\"" + coordinate(place.y()) + "\" font-size=\"" +
-           coordinate(size) + "\" text-anchor=\"" + anchor + "\" style=\"" + style + "\">" + escaped(words) +
+           coordinate(size) + "\" text-anchor=\"" + anchor + "\" style=\"" + style + "\">" + html_text(words) +
            "</text>\n";
 }
 

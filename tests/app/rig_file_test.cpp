@@ -78,3 +78,28 @@ TEST_CASE("a bad rig or board is refused with file, line and key") {
   CHECK_THAT(refusal_of_board("family: tag36h12\ntags: [" + tag + "]\n"), Contains("must be one of"));
   CHECK_THROWS_WITH(read_board("/nowhere/board.yaml"), Contains("no such file"));
 }
+
+TEST_CASE("a rig or a board that lacks a place is refused, not taken for one at the origin") {
+  const auto rig = [](const std::string& transform, const std::string& rest) {
+    return read_rig(written("rig.yaml",
+                            "camera: {width: 1280, height: 1024, fx: 1100, fy: 1100, cx: 640, cy: 512, dist: [0, 0, 0, "
+                            "0, 0]}\nT_base_cam: {" +
+                                transform + "}\n" + rest));
+  };
+  const std::string place = "t: [0.3, 0, 0.3]";
+  const std::string whole = place + ", q_xyzw: [0.5, -0.5, 0.5, -0.5]";
+  const std::string wheels = "odometry: {r_left: 0.1, r_right: 0.1, track: 0.5}\n";
+  CHECK(rig(whole, wheels).odometry.track == 0.5);
+  CHECK_THROWS_WITH(rig(place, wheels), Contains("rig.yaml:2:") && Contains("T_base_cam.q_xyzw is missing"));
+  CHECK_THROWS_WITH(rig("q_xyzw: [0, 0, 0, 1]", wheels), Contains("T_base_cam.t is missing"));
+  CHECK_THROWS_WITH(rig(whole, ""), Contains("odometry is missing"));
+  CHECK_THROWS_WITH(rig(whole, "odometry: {r_left: 0.1, r_right: 0.1}\n"), Contains("odometry.track is missing"));
+  // A tracker measured where the camera is; it says nothing of wheels.
+  CHECK(rig(whole, "T_base_cam_sigma: {xy_mm: 0.4, z_mm: 0.4, rot_deg: 0.05}\n").T_base_camera.translation().x() ==
+        0.3);
+  CHECK_THAT(refusal_of_board("tags: [{id: 1, size: 0.16}]\n"), Contains("tags[0].T_station_tag is missing"));
+  CHECK_THAT(refusal_of_board("tags: [{id: 1, size: 0.16, T_station_tag: {t: [0, 0, 0.3]}}]\n"),
+             Contains("tags[0].T_station_tag.q_xyzw is missing"));
+  CHECK_THAT(refusal_of_board("tags: [{size: 0.16, T_station_tag: {t: [0, 0, 0.3], q_xyzw: [0, 0, 0, 1]}}]\n"),
+             Contains("tags[0].id is missing"));
+}

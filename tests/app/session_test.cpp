@@ -1,8 +1,12 @@
 #include "app/session.h"
 
 #include <atomic>
+#include <fstream>
+#include <future>
+#include <string>
 #include <thread>
 #include <unistd.h>
+#include <vector>
 
 #include <catch2/catch.hpp>
 
@@ -129,6 +133,25 @@ TEST_CASE("a frame whose line was never written is taken from what it says of it
   CHECK(session.remarks.size() == 2);
 }
 
+TEST_CASE("frames taken from what they say of themselves stand where their time is, not at the end") {
+  const Scratch scratch("session_order");
+  {
+    SessionRecorder recorder(scratch.folder, "format: 1\n", "", true);
+    for (std::uint64_t number = 1; number <= 4; ++number) recorder.frame(frame(number));
+  }
+  const std::filesystem::path csv = scratch.folder / "cam0" / "data.csv";
+  std::vector<std::string> lines;
+  {
+    std::ifstream stream(csv);
+    for (std::string text; std::getline(stream, text);) lines.push_back(text);
+  }
+  REQUIRE(lines.size() == 5);
+  std::ofstream(csv) << lines[0] << "\n" << lines[1] << "\n" << lines[3] << "\n" << lines[4] << "\n";
+  const Session session = read_session(scratch.folder);
+  REQUIRE(session.frames.size() == 4);
+  for (std::size_t i = 0; i < 4; ++i) CHECK(session.frames[i].number == i + 1);
+}
+
 TEST_CASE("compressed frames are the same pixels in fewer bytes") {
   const Scratch scratch("session_compressed");
   {
@@ -177,18 +200,25 @@ TEST_CASE("a disk that refuses to be written ends the recording with a sentence,
 
 TEST_CASE("a live recorder drops frames and counts them instead of waiting for the disk") {
   const Scratch scratch("session_queue");
-  std::uint64_t given = 0;
-  RecorderHealth health;
-  {
-    RecorderOptions options;
-    options.queue_bytes = 30 * frame(0).frame.gray.total();
-    SessionRecorder recorder(scratch.folder, "", "", false, options);
-    for (; given < 400; ++given) recorder.frame(frame(given));
-    recorder.finish();
-    health = recorder.health();
-  }
-  CHECK(health.frames_written + health.frames_dropped == given);
-  CHECK(read_session(scratch.folder).frames.size() == health.frames_written);
+  // A disk that stands still while its free space is asked for, as it is after the first frame.
+  std::atomic<int> asked{0};
+  std::promise<void> go_on;
+  RecorderOptions options;
+  options.free_space = [&asked, gone_on = go_on.get_future().share()] {
+    if (++asked == 2) gone_on.wait();  // the first is before the recording
+    return std::uintmax_t{4'000'000'000};
+  };
+  constexpr std::uint64_t room = 30, more = 400;
+  options.queue_bytes = room * frame(0).frame.gray.total();
+  SessionRecorder recorder(scratch.folder, "", "", false, options);
+  recorder.frame(frame(0));
+  while (asked < 2) std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  for (std::uint64_t number = 1; number <= more; ++number) recorder.frame(frame(number));
+  CHECK(recorder.health().frames_dropped == more - room);
+  go_on.set_value();
+  recorder.finish();
+  CHECK(recorder.health().frames_written == 1 + room);
+  CHECK(read_session(scratch.folder).frames.size() == 1 + room);
 }
 
 TEST_CASE("a folder without session.yaml is no session") {

@@ -319,22 +319,6 @@ std::string type_name() {
   return ros_type(Codec<Message>::descriptor().m_typename);
 }
 
-// The messages that there are.
-#define TAGDOCK_ROS2_MESSAGE(Message)                                                            \
-  template Publisher<Message> Link::publisher<Message>(const std::string&);                      \
-  template Subscription<Message> Link::subscription<Message>(const std::string&, Delivery, int); \
-  template class Publisher<Message>;                                                             \
-  template class Subscription<Message>;                                                          \
-  template std::string type_name<Message>();
-TAGDOCK_ROS2_MESSAGE(Bool)
-TAGDOCK_ROS2_MESSAGE(String)
-TAGDOCK_ROS2_MESSAGE(Twist)
-TAGDOCK_ROS2_MESSAGE(TwistStamped)
-TAGDOCK_ROS2_MESSAGE(PoseStamped)
-TAGDOCK_ROS2_MESSAGE(OdometryMessage)
-TAGDOCK_ROS2_MESSAGE(PathMessage)
-TAGDOCK_ROS2_MESSAGE(DiagnosticArray)
-TAGDOCK_ROS2_MESSAGE(AprilTagDetectionArray)
-#undef TAGDOCK_ROS2_MESSAGE
-
 }  // namespace tagdock::ros2
+
+#include "app/robots/ros2/link_messages.h"
