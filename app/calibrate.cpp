@@ -5,8 +5,10 @@
 #include <filesystem>
 #include <iostream>
 #include <memory>
+#include <optional>
 #include <stdexcept>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "app/calibrate_station.h"
@@ -102,7 +104,7 @@ void write_report(const Report& report, const std::string& file) {
   if (file.ends_with(".pdf"))
     to_pdf(report, file);
   else
-    write_whole(file, to_html(report));
+    write_whole(file, to_html(report), "--report");
 }
 
 /// Writes a camera in another format and says what that format loses.
@@ -163,6 +165,9 @@ void say_intrinsics(const IntrinsicsOptions& options, const IntrinsicsResult& re
 }
 
 int intrinsics(const IntrinsicsOptions& options) {
+  if (!(options.working_distance > 0.0 && options.working_distance <= 100.0))
+    throw Failure(ExitCode::usage, "--working-distance " + std::to_string(options.working_distance) +
+                                       ": must be a distance in m, above 0 and at most 100");
   const IntrinsicsConfig config = config_of(options);
   for (const std::string& format : options.formats) (void)camera_extension(format);  // wrong words are told at once
   const CalibrationTarget target = read_target(options.target);
@@ -186,7 +191,7 @@ int intrinsics(const IntrinsicsOptions& options) {
     for (const ViewWish& wish : next_best_views(result, points, 3)) result.missing.push_back(wish.sentence);
   }
   const Json block = intrinsics_block(result, found.unreadable);
-  write_whole(options.output, to_yaml(block));
+  write_result(options.output, block);
   write_report(intrinsics_report(result, options.working_distance), options.report);
   if (result.complaints.empty())
     for (const std::string& format : options.formats)
@@ -198,6 +203,12 @@ int intrinsics(const IntrinsicsOptions& options) {
 }
 
 int hand_eye(const HandEyeOptions& options) {
+  if (options.has_height && !(options.camera_height > 0.02 && options.camera_height < 5.0))
+    throw Failure(ExitCode::usage, "--camera-height " + std::to_string(options.camera_height) +
+                                       ": is the height of the lens above the floor in m, between 0.02 and 5");
+  if (!(options.camera_height_sigma > 0.0 && options.camera_height_sigma <= 1.0))
+    throw Failure(ExitCode::usage, "--camera-height-sigma " + std::to_string(options.camera_height_sigma) +
+                                       ": must be above 0 and at most 1 m");
   HandEyeProblem problem = read_hand_eye_dataset(options.dataset);
   problem.leave_out_frontal = options.leave_out_frontal;
   if (!options.camera.empty()) problem.camera = CameraFile::load(options.camera).camera();
@@ -209,7 +220,7 @@ int hand_eye(const HandEyeOptions& options) {
     throw Failure(ExitCode::calibration_refused, options.dataset + ": " + error.what());
   }
   const Json block = hand_eye_block(problem, result);
-  write_whole(options.output, to_yaml(block));
+  write_result(options.output, block);
   write_report(hand_eye_report(problem, result), options.report);
   if (options.json) std::cout << block.dump(1) << "\n";
   say_hand_eye(problem, result);
@@ -218,13 +229,13 @@ int hand_eye(const HandEyeOptions& options) {
 
 struct TargetOptions {
   std::string kind = "charuco";
-  std::string paper = "A4";
+  std::string paper;  ///< empty: what the kind needs
   std::string output;
   std::string description;
   std::string family = "tag36h11";
   std::string dictionary = "DICT_5X5_100";
-  int columns = 0;
-  int rows = 0;
+  std::optional<int> columns;
+  std::optional<int> rows;
   int id = 0;
   double square = 0.0;
   double marker = 0.0;
@@ -233,7 +244,27 @@ struct TargetOptions {
   double height = 0.35;
 };
 
-int target(const TargetOptions& options) {
+void check(const TargetOptions& options) {
+  const auto length = [](const char* option, double value) {
+    if (!(value >= 0.0 && value <= 2.0))
+      throw Failure(ExitCode::usage,
+                    std::string(option) + " " + std::to_string(value) + ": must be a length in m, up to 2");
+  };
+  length("--square", options.square);
+  length("--marker", options.marker);
+  length("--tag-size", options.tag_size);
+  length("--height", options.height);
+  if (!(options.spacing > 0.0 && options.spacing <= 2.0))
+    throw Failure(ExitCode::usage, "--spacing " + std::to_string(options.spacing) +
+                                       ": is the gap between tags over their size, above 0 and at most 2");
+  for (const auto& [option, count] : {std::pair("--cols", options.columns), std::pair("--rows", options.rows)})
+    if (count && !(*count >= 1 && *count <= 100))
+      throw Failure(ExitCode::usage, std::string(option) + " " + std::to_string(*count) + ": must be from 1 to 100");
+}
+
+int target(TargetOptions options) {
+  check(options);
+  if (options.paper.empty()) options.paper = options.kind == "vboard" ? "A3" : "A4";
   const Paper paper = paper_of(options.paper);
   if (options.kind == "vboard") {
     const double size = options.tag_size > 0.0 ? options.tag_size : 0.16;
@@ -243,7 +274,7 @@ int target(const TargetOptions& options) {
       Board copy = board;
       FieldWriter writer;
       visit(writer, copy);
-      write_whole(options.description, writer.text());
+      write_whole(options.description, writer.text(), "--description");
     }
     return 0;
   }
@@ -257,12 +288,12 @@ int target(const TargetOptions& options) {
   wanted.marker = options.marker;
   if (options.kind == "charuco") {
     wanted.type = CalibrationTarget::Type::charuco;
-    wanted.squares_x = options.columns > 0 ? options.columns : 10;
-    wanted.squares_y = options.rows > 0 ? options.rows : 7;
+    wanted.squares_x = options.columns.value_or(10);
+    wanted.squares_y = options.rows.value_or(7);
   } else if (options.kind == "taggrid" || options.kind == "aprilgrid") {
     wanted.type = options.kind == "taggrid" ? CalibrationTarget::Type::taggrid : CalibrationTarget::Type::aprilgrid;
-    wanted.tag_cols = options.columns > 0 ? options.columns : 6;
-    wanted.tag_rows = options.rows > 0 ? options.rows : 4;
+    wanted.tag_cols = options.columns.value_or(6);
+    wanted.tag_rows = options.rows.value_or(4);
   } else if (options.kind == "tag") {
     wanted.type = CalibrationTarget::Type::tag;
   } else {
@@ -271,7 +302,7 @@ int target(const TargetOptions& options) {
   }
   const CalibrationTarget drawn = fitted(wanted, paper);
   print_target(drawn, paper, options.output);
-  if (!options.description.empty()) write_whole(options.description, target_text(drawn));
+  if (!options.description.empty()) write_whole(options.description, target_text(drawn), "--description");
   return 0;
 }
 
@@ -309,7 +340,7 @@ void add_calibrate(CLI::App& program, Action& action) {
       ->add_option("--kind", print->kind,
                    "charuco, taggrid, aprilgrid, tag, or vboard (a station's board of three tags)")
       ->capture_default_str();
-  sheet->add_option("--paper", print->paper, "A0 .. A5, letter, tabloid; landscape")->capture_default_str();
+  sheet->add_option("--paper", print->paper, "A0 .. A5, letter, tabloid; landscape; A4, or A3 for a vboard");
   sheet->add_option("--output", print->output, "PDF file to write")->required();
   sheet->add_option("--description", print->description,
                     "YAML file that `calibrate` (or, of a vboard, `dock --board`) reads");

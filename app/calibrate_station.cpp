@@ -82,6 +82,12 @@ double asked_length(const char* axis, double known_share) {
 }
 
 int wizard(const WizardOptions& options) {
+  for (const auto& [option, value] :
+       {std::pair("--measured-x", options.measured_x_mm), std::pair("--measured-y", options.measured_y_mm)})
+    if (value != 0.0 && !(value > 90.0 && value < 110.0))
+      throw Failure(ExitCode::usage, line_of("%s %g: is the ruler of 100 mm as measured on the print, between 90 and "
+                                             "110 mm",
+                                             option, value));
   CalibrationTarget target = read_target(options.target);
   const fs::path folder = options.session;
   std::error_code error;
@@ -163,7 +169,7 @@ int wizard(const WizardOptions& options) {
   } catch (const std::invalid_argument& refused) {
     throw Failure(ExitCode::calibration_refused, refused.what());
   }
-  write_whole(options.output, to_yaml(intrinsics_block(result, {})));
+  write_result(options.output, intrinsics_block(result, {}));
   const Report report = intrinsics_report(result, 2.0);
   write_whole(folder / "report.html", to_html(report));
   to_pdf(report, folder / "report.pdf");
@@ -206,6 +212,11 @@ int station(const StationOptions& options) {
   const CameraFile camera = CameraFile::load(options.camera);
   const Board board = read_board(options.board);
   const int reference = options.reference >= 0 ? options.reference : board.tags[board.tags.size() / 2].id;
+  std::string ids;
+  for (const auto& tag : board.tags) ids += " " + std::to_string(tag.id);
+  if (std::none_of(board.tags.begin(), board.tags.end(), [&](const auto& tag) { return tag.id == reference; }))
+    throw Failure(ExitCode::usage, line_of("--reference %d: is no tag of %s, which has%s", reference,
+                                           options.board.c_str(), ids.c_str()));
   TagDetectorConfig config;
   config.family = board.family;
   config.decimate = 1;
@@ -273,7 +284,7 @@ int teach(const std::string& file, bool json) {
                      {"outliers", taught.outliers},
                      {"reasons", taught.complaints}};
     std::cout << block.dump(1) << "\n";
-  } else {
+  } else if (taught.complaints.empty()) {
     std::cout << line_of("--dock-pose %.6f,%.6f,%.5f", taught.mean.x, taught.mean.y, degrees(taught.mean.yaw)) << "\n";
   }
   return static_cast<int>(taught.complaints.empty() ? ExitCode::done : ExitCode::calibration_refused);
@@ -283,6 +294,11 @@ int check_again(const std::string& dataset, const std::string& rig_file, bool js
   HandEyeProblem problem = read_hand_eye_dataset(dataset);
   const Rig rig = read_rig(rig_file);
   problem.camera = rig.camera;
+  constexpr std::size_t fewest_stops = 5;
+  if (problem.stops.size() < fewest_stops)
+    throw Failure(ExitCode::calibration_refused,
+                  line_of("%s: has %zu stops, too few to tell whether the calibration holds; add %zu", dataset.c_str(),
+                          problem.stops.size(), fewest_stops - problem.stops.size()));
   RigCheck check;
   try {
     check = check_rig(problem, rig);

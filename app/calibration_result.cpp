@@ -3,6 +3,7 @@
 #include <cmath>
 #include <cstdlib>
 #include <fstream>
+#include <iostream>
 
 #include "app/failure.h"
 #include "planning/pose2.h"
@@ -187,17 +188,34 @@ std::string to_yaml(const Json& value) {
   return text;
 }
 
-void write_whole(const std::filesystem::path& file, const std::string& text) {
+void write_result(const std::filesystem::path& file, const nlohmann::ordered_json& block) {
+  if (block.value("verdict", "") == "refused") {
+    std::ifstream before(file);
+    std::string row;
+    bool good = false;
+    while (!good && std::getline(before, row)) good = row == "verdict: good" || row == "verdict: \"good\"";
+    if (good) {
+      const std::filesystem::path kept = file.string() + ".good";
+      std::error_code error;
+      std::filesystem::rename(file, kept, error);
+      if (error) throw Failure(ExitCode::usage, "--output " + file.string() + ": " + error.message());
+      std::cerr << file.string() << ": the good calibration in it is kept as " << kept.string() << "\n";
+    }
+  }
+  write_whole(file, to_yaml(block));
+}
+
+void write_whole(const std::filesystem::path& file, const std::string& text, const std::string& option) {
   const std::filesystem::path beside = file.string() + ".part";
   {
     std::ofstream stream(beside, std::ios::binary | std::ios::trunc);
     stream << text;
     stream.flush();
-    if (!stream) throw Failure(ExitCode::usage, "--output " + file.string() + ": cannot be written");
+    if (!stream) throw Failure(ExitCode::usage, option + " " + file.string() + ": cannot be written");
   }
   std::error_code error;
   std::filesystem::rename(beside, file, error);
-  if (error) throw Failure(ExitCode::usage, "--output " + file.string() + ": " + error.message());
+  if (error) throw Failure(ExitCode::usage, option + " " + file.string() + ": " + error.message());
 }
 
 }  // namespace tagdock

@@ -20,7 +20,12 @@ nlohmann::ordered_json intrinsics_block(const IntrinsicsResult& result, const st
 /// The same values as YAML: maps in blocks, lists and small maps on one line.
 std::string to_yaml(const nlohmann::ordered_json& value);
 
-/// Writes a text so that the file is either whole or as it was. Throws Failure(usage).
-void write_whole(const std::filesystem::path& file, const std::string& text);
+/// Writes a text so that the file is either whole or as it was.
+/// @param option  of the command line that names the file, for the sentence of a Failure(usage)
+void write_whole(const std::filesystem::path& file, const std::string& text, const std::string& option = "--output");
+
+/// Writes the result file of a calibration. What was refused does not replace what was good: that is kept beside it, as
+/// FILE.good, and the user is told.
+void write_result(const std::filesystem::path& file, const nlohmann::ordered_json& block);
 
 }  // namespace tagdock

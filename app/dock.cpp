@@ -206,6 +206,7 @@ class Docking {
   DockingReport run() {
     DockingReport report;
     report.seed = options_.seed;
+    report.taught = config_.docking.dock_pose_taught;
     const StopSignal stop_signal;
     const StopAtEnd stop_at_end(*devices_.robot);
     const nanoseconds begin = devices_.clock->now();

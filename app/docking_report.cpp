@@ -81,6 +81,7 @@ nlohmann::ordered_json to_json(const DockingReport& report) {
       estimated["covariance"].push_back({fix->covariance(row, 0), fix->covariance(row, 1), fix->covariance(row, 2)});
     estimated["sightings"] = fix->sightings;
     estimated["chi2"] = fix->chi2;
+    estimated["taught"] = report.taught;
   }
   json["final"]["pose_error_estimated"] = estimated;
   json["final"]["pose_error_true"] =
@@ -118,6 +119,9 @@ std::string summary(const DockingReport& report) {
                   1e3 * std::sqrt(fix->covariance(0, 0)), 1e3 * std::sqrt(fix->covariance(1, 1)),
                   degrees(std::sqrt(fix->covariance(2, 2))), fix->sightings);
     text += "final error, estimated: " + error_words(fix->error) + line + "\n";
+    if (!report.taught)
+      text +=
+          "  against a docking pose that was not taught: what camera calibration and board survey leave is not in it\n";
   }
   if (report.true_error && !std::holds_alternative<Undocked>(report.last))
     text += "final error, true:      " + error_words(*report.true_error) + "\n";

@@ -32,6 +32,7 @@ struct DockingReport {
   std::vector<double> frame_ages_ms;  ///< of the frames used, from mid-exposure to use
   std::uint64_t sightings = 0;
   std::uint64_t seed = 0;
+  bool taught = false;  ///< the docking pose; otherwise calibration and survey leave what no sigma here holds
 };
 
 /// The exit code that belongs to the end of a docking.

@@ -38,6 +38,38 @@ std::vector<std::int8_t> filled(const TagPattern& pattern) {
   return cells;
 }
 
+/// A place on a way of length 1 about 0, and its part of it.
+struct Node {
+  double place, weight;
+};
+
+/// Gauss-Legendre nodes of a way that is so many sigmas of the remaining blur long; the mean over them differs from
+/// that over the way by less than 1e-3 of a border's contrast up to eight sigmas.
+std::vector<Node> nodes_on_the_way(double sigmas) {
+  if (sigmas == 0.0) return {{0.0, 1.0}};
+  if (sigmas < 1.7) return {{-0.288675134594813, 0.5}, {0.288675134594813, 0.5}};
+  if (sigmas < 3.3) return {{-0.387298334620742, 5.0 / 18.0}, {0.0, 4.0 / 9.0}, {0.387298334620742, 5.0 / 18.0}};
+  if (sigmas < 4.9)
+    return {{-0.430568155797026, 0.173927422568727},
+            {-0.169990521792428, 0.326072577431273},
+            {0.169990521792428, 0.326072577431273},
+            {0.430568155797026, 0.173927422568727}};
+  if (sigmas < 6.6)
+    return {{-0.453089922969332, 0.118463442528095},
+            {-0.269234655052842, 0.239314335249683},
+            {0.0, 0.284444444444444},
+            {0.269234655052842, 0.239314335249683},
+            {0.453089922969332, 0.118463442528095}};
+  return {{-0.466234757101576, 0.0856622461895852}, {-0.330604693233132, 0.180380786524069},
+          {-0.119309593041598, 0.233956967286345},  {0.119309593041598, 0.233956967286345},
+          {0.330604693233132, 0.180380786524069},   {0.466234757101576, 0.0856622461895852}};
+}
+
+/// Smaller eigenvalue.
+double least_variance(const Eigen::Matrix2d& m) {
+  return 0.5 * (m(0, 0) + m(1, 1)) - std::hypot(0.5 * (m(0, 0) - m(1, 1)), m(0, 1));
+}
+
 }  // namespace
 
 TagImageModel::TagImageModel(const TagPattern& pattern, double side_px, const Lens& lens)
@@ -89,6 +121,7 @@ Eigen::Vector2d TagImageModel::to_tag(double x, double y) const {
 }
 
 void TagImageModel::set(const TagAppearance& appearance) {
+  const bool moved = appearance.motion_px != appearance_.motion_px;
   appearance_ = appearance;
   const auto& g = appearance_.value;
   Eigen::Matrix2d blur;
@@ -124,6 +157,13 @@ void TagImageModel::set(const TagAppearance& appearance) {
         const double fourth_powers = std::pow(direction_px.x(), 4) + std::pow(direction_px.y(), 4);
         line.fourth = -fourth_powers / (2880.0 * sigma2 * sigma2);
       }
+  if (moved) {
+    stops_.clear();
+    for (const Node& node : nodes_on_the_way(appearance.motion_px.norm() / std::sqrt(least_variance(blur)))) {
+      const Eigen::Vector2d shift = lens_.centre * appearance.motion_px * node.place / side_px_;
+      stops_.push_back({shift.x(), shift.y(), node.weight});
+    }
+  }
   auto& vertices = vertices_[g[A::bleed] >= 0.0 ? 0 : 1];
   for (int j = 1; j < pattern_.cells; ++j)
     for (int i = 1; i < pattern_.cells; ++i)
@@ -239,10 +279,13 @@ inline Toned toned(double light, double exponent) {
 
 }  // namespace
 
-ModelledPixel TagImageModel::at(double x, double y, const PixelView& view) const {
+ModelledPixel TagImageModel::at(double x_shown, double y_shown, const PixelView& view) const {
   const auto& g = appearance_.value;
   const auto& vertices = vertices_[g[A::bleed] >= 0.0 ? 0 : 1];
   double r = view.white;
+  double x = x_shown;  // in turn where the pixel is at each stop
+  double y = y_shown;
+  double share = 1.0;
   std::array<double, 3> by_u{};  // d(r)/d(row of u in the homography)
   std::array<double, 3> by_v{};
   std::array<double, 2> by_w{};
@@ -262,7 +305,7 @@ ModelledPixel TagImageModel::at(double x, double y, const PixelView& view) const
     return seen;
   };
   const auto add_by_z = [&](const Line& line, const Seen& seen, std::array<double, 3>& by, bool higher, double by_z) {
-    const double scale = by_z * seen.unit;
+    const double scale = share * by_z * seen.unit;
     const double shrink = seen.z * line.unit;
     const double da = scale * (x - shrink * line.ba);
     const double db = scale * (y - shrink * line.bb);
@@ -282,60 +325,67 @@ ModelledPixel TagImageModel::at(double x, double y, const PixelView& view) const
     if (step == 0) return;
     const Line& line = lines_[direction][static_cast<std::size_t>(i)][step > 0 ? 1 : 0];
     const Seen seen = see(line);
-    r += step * seen.step.value;
+    r += share * step * seen.step.value;
     if (seen.gauss.density > 0.0) add_by_z(line, seen, direction == 0 ? by_u : by_v, step > 0, step * seen.step.slope);
   };
   const int column = view.first[0] - 1;
   const int row = view.first[1] - 1;
-  for (int i = view.first[0]; i <= view.last[0]; ++i) add_step(0, i, cell(i, row) - cell(i - 1, row));
-  for (int j = view.first[1]; j <= view.last[1]; ++j) add_step(1, j, cell(column, j) - cell(column, j - 1));
-  for (int j = view.first[1]; j <= view.last[1]; ++j)
-    for (int i = view.first[0]; i <= view.last[0]; ++i)
-      for (const Vertex& vertex : vertices[node(i, j)]) {
-        if (vertex.sign == 0) break;
-        const Line& line_a = lines_[0][static_cast<std::size_t>(i)][static_cast<std::size_t>(vertex.side_u)];
-        const Line& line_b = lines_[1][static_cast<std::size_t>(j)][static_cast<std::size_t>(vertex.side_v)];
-        const Seen a = see(line_a);
-        if (a.z <= -normal_reach) continue;
-        const Seen b = see(line_b);
-        if (b.z <= -normal_reach) continue;
-        if (a.z >= normal_reach || b.z >= normal_reach) {  // only the other border is near
-          r += vertex.sign * (a.z >= normal_reach ? b.step.value : a.step.value);
-          if (a.z < normal_reach) add_by_z(line_a, a, by_u, vertex.side_u == 1, vertex.sign * a.step.slope);
-          if (b.z < normal_reach) add_by_z(line_b, b, by_v, vertex.side_v == 1, vertex.sign * b.step.slope);
-          continue;
+  for (const Stop& stop : stops_) {
+    x = x_shown + stop.x;
+    y = y_shown + stop.y;
+    share = stop.share;
+    for (int i = view.first[0]; i <= view.last[0]; ++i) add_step(0, i, cell(i, row) - cell(i - 1, row));
+    for (int j = view.first[1]; j <= view.last[1]; ++j) add_step(1, j, cell(column, j) - cell(column, j - 1));
+    for (int j = view.first[1]; j <= view.last[1]; ++j)
+      for (int i = view.first[0]; i <= view.last[0]; ++i)
+        for (const Vertex& vertex : vertices[node(i, j)]) {
+          if (vertex.sign == 0) break;
+          const Line& line_a = lines_[0][static_cast<std::size_t>(i)][static_cast<std::size_t>(vertex.side_u)];
+          const Line& line_b = lines_[1][static_cast<std::size_t>(j)][static_cast<std::size_t>(vertex.side_v)];
+          const Seen a = see(line_a);
+          if (a.z <= -normal_reach) continue;
+          const Seen b = see(line_b);
+          if (b.z <= -normal_reach) continue;
+          if (a.z >= normal_reach || b.z >= normal_reach) {  // only the other border is near
+            r += share * vertex.sign * (a.z >= normal_reach ? b.step.value : a.step.value);
+            if (a.z < normal_reach) add_by_z(line_a, a, by_u, vertex.side_u == 1, vertex.sign * a.step.slope);
+            if (b.z < normal_reach) add_by_z(line_b, b, by_v, vertex.side_v == 1, vertex.sign * b.step.slope);
+            continue;
+          }
+          const Normal2 corner = vertex.integral.at(a.z, a.gauss, b.z, b.gauss);
+          const double more_a = a.step.value - a.gauss.cumulative;
+          const double more_b = b.step.value - b.gauss.cumulative;
+          r += share * vertex.sign * (corner.cumulative + more_a * b.gauss.cumulative + more_b * a.gauss.cumulative);
+          add_by_z(line_a, a, by_u, vertex.side_u == 1,
+                   vertex.sign * (corner.by_p + (a.step.slope - a.gauss.density) * b.gauss.cumulative +
+                                  more_b * a.gauss.density));
+          add_by_z(line_b, b, by_v, vertex.side_v == 1,
+                   vertex.sign * (corner.by_q + (b.step.slope - b.gauss.density) * a.gauss.cumulative +
+                                  more_a * b.gauss.density));
+          const double by_correlation = share * vertex.sign * corner.density;
+          const double both = line_a.unit * line_b.unit;
+          const double ca = vertex.correlation * line_a.unit * line_a.unit;
+          const double cb = vertex.correlation * line_b.unit * line_b.unit;
+          by_blur[0] += by_correlation * (line_a.nx * line_b.nx * both -
+                                          0.5 * (ca * line_a.nx * line_a.nx + cb * line_b.nx * line_b.nx));
+          by_blur[1] += by_correlation * ((line_a.nx * line_b.ny + line_a.ny * line_b.nx) * both -
+                                          (ca * line_a.nx * line_a.ny + cb * line_b.nx * line_b.ny));
+          by_blur[2] += by_correlation * (line_a.ny * line_b.ny * both -
+                                          0.5 * (ca * line_a.ny * line_a.ny + cb * line_b.ny * line_b.ny));
+          const double aa = by_correlation * (line_b.ba * both - ca * line_a.ba);
+          const double ab = by_correlation * (line_b.bb * both - ca * line_a.bb);
+          const double ba = by_correlation * (line_a.ba * both - cb * line_b.ba);
+          const double bb = by_correlation * (line_a.bb * both - cb * line_b.bb);
+          by_u[0] += aa;
+          by_u[1] += ab;
+          by_v[0] += ba;
+          by_v[1] += bb;
+          by_w[0] -= line_a.place * aa + line_b.place * ba;
+          by_w[1] -= line_a.place * ab + line_b.place * bb;
         }
-        const Normal2 corner = vertex.integral.at(a.z, a.gauss, b.z, b.gauss);
-        const double more_a = a.step.value - a.gauss.cumulative;
-        const double more_b = b.step.value - b.gauss.cumulative;
-        r += vertex.sign * (corner.cumulative + more_a * b.gauss.cumulative + more_b * a.gauss.cumulative);
-        add_by_z(line_a, a, by_u, vertex.side_u == 1,
-                 vertex.sign *
-                     (corner.by_p + (a.step.slope - a.gauss.density) * b.gauss.cumulative + more_b * a.gauss.density));
-        add_by_z(line_b, b, by_v, vertex.side_v == 1,
-                 vertex.sign *
-                     (corner.by_q + (b.step.slope - b.gauss.density) * a.gauss.cumulative + more_a * b.gauss.density));
-        const double by_correlation = vertex.sign * corner.density;
-        const double both = line_a.unit * line_b.unit;
-        const double ca = vertex.correlation * line_a.unit * line_a.unit;
-        const double cb = vertex.correlation * line_b.unit * line_b.unit;
-        by_blur[0] += by_correlation *
-                      (line_a.nx * line_b.nx * both - 0.5 * (ca * line_a.nx * line_a.nx + cb * line_b.nx * line_b.nx));
-        by_blur[1] += by_correlation * ((line_a.nx * line_b.ny + line_a.ny * line_b.nx) * both -
-                                        (ca * line_a.nx * line_a.ny + cb * line_b.nx * line_b.ny));
-        by_blur[2] += by_correlation *
-                      (line_a.ny * line_b.ny * both - 0.5 * (ca * line_a.ny * line_a.ny + cb * line_b.ny * line_b.ny));
-        const double aa = by_correlation * (line_b.ba * both - ca * line_a.ba);
-        const double ab = by_correlation * (line_b.bb * both - ca * line_a.bb);
-        const double ba = by_correlation * (line_a.ba * both - cb * line_b.ba);
-        const double bb = by_correlation * (line_a.bb * both - cb * line_b.bb);
-        by_u[0] += aa;
-        by_u[1] += ab;
-        by_v[0] += ba;
-        by_v[1] += bb;
-        by_w[0] -= line_a.place * aa + line_b.place * ba;
-        by_w[1] -= line_a.place * ab + line_b.place * bb;
-      }
+  }
+  x = x_shown;
+  y = y_shown;
 
   const double drop = g[11] + g[12] * x + g[13] * y;
   const double black = 1.0 - r;

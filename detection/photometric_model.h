@@ -35,6 +35,13 @@ struct TagAppearance {
   using Matrix = Eigen::Matrix<double, count, count>;
 
   Vector value = Vector::Zero();
+  /// Way of the image while it was exposed [px]; the blur above is what is left without it.
+  Eigen::Vector2d motion_px = Eigen::Vector2d::Zero();
+
+  /// Sigma of the whole spread, motion included, its mean over directions [px].
+  [[nodiscard]] double blur_px() const {
+    return std::sqrt(0.5 * (value[blur_xx] + value[blur_yy] + motion_px.squaredNorm() / 12.0));
+  }
 };
 
 /// Where a pixel lies among the grid lines of a tag: which of them reach it through the blur.
@@ -98,9 +105,8 @@ struct PixelNoise {
 /// How the slopes of the cost scatter at the minimum: the middle of a sandwich covariance.
 struct Scatter {
   TagAppearance::Matrix pixels = TagAppearance::Matrix::Zero();  ///< if every pixel errs by itself
-  /// If pixels of one view err together, as they do along a border that the model does not describe.
-  TagAppearance::Matrix views = TagAppearance::Matrix::Zero();
-  int count = 0;  ///< of views
+  /// Each view's slope: its pixels err together along a border that the model does not describe.
+  std::vector<TagAppearance::Vector> views;
 };
 
 /// The image of a tag: all its black-white borders through one homography, a Gaussian blur integrated over the pixel,
@@ -108,7 +114,7 @@ struct Scatter {
 /// Source: notes on detection, section 8, in the form over grid nodes: with every border moved by the ink's spread
 /// towards white, a cell pattern is a sum of quarter planes, and each quarter plane seen through a Gaussian is a
 /// bivariate normal distribution of its two signed distances. The pixel's box enters by its variance and, along
-/// borders, by its fourth cumulant.
+/// borders, by its fourth cumulant. Motion at an even speed is the mean of that over its way, by Gauss-Legendre nodes.
 class TagImageModel {
  public:
   /// d(undistorted px)/d(px) about the tag: at its centre, and how it changes with x and y.
@@ -272,6 +278,12 @@ class TagImageModel {
   /// [direction][grid line][0: borders from white to black, 1: from black to white].
   using Lines = std::array<std::array<std::array<Line, 2>, 13>, 2>;
 
+  /// Where the image stood for a part of the exposure.
+  struct Stop {
+    double x = 0.0, y = 0.0;  ///< added to image places
+    double share = 1.0;
+  };
+
   /// A corner of the white area: adds `sign` times the quarter plane to its right and below.
   struct Vertex {
     int sign = 0;
@@ -299,6 +311,7 @@ class TagImageModel {
   std::array<std::vector<std::array<Vertex, 2>>, 2> vertices_;
   TagAppearance appearance_;
   Lines lines_;
+  std::vector<Stop> stops_ = {Stop{}};
 };
 
 /// Twice the negative log likelihood of a pixel and its derivatives by the model's grey value; a pixel at an end of the

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include <Eigen/Cholesky>
+#include <Eigen/Eigenvalues>
 #include <Eigen/LU>
 
 #include "detection/lens_patch.h"
@@ -20,6 +21,7 @@ namespace tagdock {
 namespace {
 
 using Vector2 = Eigen::Vector2d;
+using Vector8 = Eigen::Matrix<double, 8, 1>;
 using A = TagAppearance;
 
 /// Score above which a term is freed: chance alone passes it in 1 of 600 images.
@@ -151,6 +153,7 @@ class TagFit {
   /// A tag that fills a large image has more pixels than its model is exact for: every so many-th row and column do.
   [[nodiscard]] int thinning() const { return std::max(1, static_cast<int>(region_.side_px / 500.0)); }
   void refit(bool noise_anew, double times_enough = 1.0);
+  void ask_for_motion();
   void ask();
   void forgo();
   void reweigh();
@@ -168,6 +171,7 @@ class TagFit {
   double alike_ = 1.0;      ///< pixels that are rounded alike, see rounded_alike
   bool bleed_ = false;
   bool tone_ = false;
+  bool motion_ = false;
   bool robust_ = false;
 };
 
@@ -210,6 +214,40 @@ void TagFit::refit(bool noise_anew, double times_enough) {
   const double worth = enough * times_enough * std::max(1.0, quality_.chi2_per_pixel);
   fit_ = fit_appearance(model_, samples_, free_, max_iterations_, worth, &noise_);
   quality_ = quality(samples_, free_.size());
+}
+
+/// Is a blur that is longer than wide the way of an image that moved at an even speed, or a Gaussian? Both have as many
+/// parameters, so the pixels may choose. The way follows from the blur, whose longer axis it lengthens by a twelfth of
+/// its square; what is left is round.
+void TagFit::ask_for_motion() {
+  // Below this fourth cumulant, in units of the squared variance, the two differ by less than 0.3 % of the contrast.
+  constexpr double too_alike = 0.1;
+  const TagAppearance gaussian = model_.appearance();
+  const double cost = fit_.at.cost;
+  for (int round = 0; round < 3; ++round) {
+    TagAppearance moving = model_.appearance();
+    Eigen::Matrix2d blur;
+    blur << moving.value[A::blur_xx], moving.value[A::blur_xy], moving.value[A::blur_xy], moving.value[A::blur_yy];
+    blur += moving.motion_px * moving.motion_px.transpose() / 12.0;
+    const Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d> axes(blur);
+    const double longer = axes.eigenvalues()[1];
+    const double more = longer - axes.eigenvalues()[0];
+    if (round == 0 && 1.2 * more * more < too_alike * longer * longer) return;
+    // A Gaussian stretches itself beyond the variance of a way, so the first way takes half of it.
+    moving.motion_px = std::sqrt(12.0 * (round == 0 ? 0.5 : 1.0) * more) * axes.eigenvectors().col(1);
+    // Nearer than this to the last one it changes no border by a thousandth of the contrast.
+    constexpr double near_px = 0.1;
+    if (round > 1 && std::abs(moving.motion_px.norm() - model_.appearance().motion_px.norm()) < near_px) break;
+    blur -= moving.motion_px * moving.motion_px.transpose() / 12.0;
+    moving.value[A::blur_xx] = blur(0, 0);
+    moving.value[A::blur_xy] = blur(0, 1);
+    moving.value[A::blur_yy] = blur(1, 1);
+    model_.set(moving);
+    refit(false, leading);
+  }
+  motion_ = fit_.converged && fit_.at.cost < cost - score_threshold * std::max(1.0, quality_.chi2_per_pixel);
+  if (!motion_) model_.set(gaussian);
+  refit(motion_);
 }
 
 /// Which further terms the image asks for: by score tests, which need no refit (notes on detection, section 9).
@@ -282,6 +320,7 @@ std::optional<Unrefined> TagFit::run(const Corners& coarse, const Eigen::Matrix<
   const PixelNoise again = measure_noise(model_, samples_, region_.side_px);
   const auto variance = [](const PixelNoise& noise) { return noise.black + noise.white + 2.0 * rounding_variance; };
   if (std::abs(variance(again) / variance(noise_) - 1.0) > 0.15) refit(true);
+  ask_for_motion();
   ask();
   if (quality_.largest > largest_by_noise * quality_.scale || quality_.spread > heavy_tails * quality_.scale) reweigh();
   forgo();
@@ -305,6 +344,7 @@ std::optional<Unrefined> TagFit::run(const Corners& coarse, const Eigen::Matrix<
 std::string TagFit::terms(bool lens) const {
   std::string words = "homography+slope+blur";
   if (lens) words += "+lens";
+  if (motion_) words += "+motion";
   if (quality_.clipped > 0.01) words += "+saturation";
   if (bleed_) words += "+bleed";
   if (tone_) words += "+tone";
@@ -317,22 +357,38 @@ std::optional<Eigen::Matrix<double, 8, 8>> TagFit::covariance() {
   const Eigen::LLT<Eigen::MatrixXd> factor(reduced(fit_.at.hessian, free_));
   if (factor.info() != Eigen::Success) return std::nullopt;
   const Scatter scatter = model_.scatter(samples_);
-  const auto sandwich = [&](const A::Matrix& middle) -> Eigen::MatrixXd {
+  const auto sandwich = [&](const A::Matrix& middle) -> Eigen::Matrix<double, 8, 8> {
     const Eigen::MatrixXd half = factor.solve(reduced(middle, free_));
-    return factor.solve(half.transpose());
+    return Eigen::MatrixXd(factor.solve(half.transpose())).topLeftCorner<8, 8>();
   };
-  Eigen::MatrixXd all = sandwich(scatter.pixels);
+  Eigen::Matrix<double, 8, A::count> influence = Eigen::Matrix<double, 8, A::count>::Zero();
+  const auto count = static_cast<Eigen::Index>(free_.size());
+  const Eigen::MatrixXd inverse = factor.solve(Eigen::MatrixXd::Identity(count, count));
+  for (Eigen::Index i = 0; i < count; ++i)
+    influence.col(free_[static_cast<std::size_t>(i)]) = inverse.block<8, 1>(0, i);
+  const RoundedTogether rounded = rounded_together(model_, samples_, influence);
+  Eigen::Matrix<double, 8, 8> all = (1.0 - rounded.share) * sandwich(scatter.pixels) + rounded.covariance;
   // Where the model does not describe the borders, pixels of one view err together, and the scatter of the views' sums
   // exceeds what single pixels make of it. As a factor for all coordinates, since there are too few views for more;
   // fitted parameters have taken their share of it.
-  const auto views = static_cast<double>(scatter.count);
+  const auto views = static_cast<double>(scatter.views.size());
   const auto parameters = static_cast<double>(free_.size());
   if (views > 2.0 * parameters) {
-    const Eigen::MatrixXd together = sandwich(scatter.views) * views / (views - parameters);
-    inflation_ = std::max(1.0, (together.diagonal().head<8>().array() / all.diagonal().head<8>().array()).mean());
+    Vector8 squares = Vector8::Zero();
+    Vector8 fourths = Vector8::Zero();
+    for (const A::Vector& slope : scatter.views) {
+      const Vector8 square = (influence * slope).cwiseAbs2();
+      squares += square;
+      fourths += square.cwiseAbs2();
+    }
+    const double ratio = (squares.array() / all.diagonal().array()).mean() * views / (views - parameters);
+    // A sum of squares of normal variables scatters by the root of two thirds of their fourth powers. What lies within
+    // that of 1 is chance, and is believed by as much as it exceeds it.
+    const double chance = (2.0 / 3.0 * fourths.array()).sqrt().cwiseQuotient(squares.array()).mean();
+    const double excess = std::log(std::max(1.0, ratio));
+    inflation_ = std::exp(excess * excess * excess / (excess * excess + chance * chance));
   }
-  all *= inflation_;
-  return all.topLeftCorner<8, 8>();
+  return inflation_ * all;
 }
 
 /// Derivative of (u, v) by the undistorted place.
@@ -343,27 +399,6 @@ Eigen::Matrix2d tag_by_place(const A::Vector& p, const Vector2& place) {
   Eigen::Matrix2d result;
   result << p[0] - u * p[6], p[1] - u * p[7], p[3] - v * p[6], p[4] - v * p[7];
   return result / w;
-}
-
-/// What rounding adds to the corners' variance where it does not average out [px^2]: a border's offset follows the
-/// 0.29 grey levels of rounding by 1 / (contrast sqrt(0.28 / blur)).
-Eigen::Matrix<double, 8, 8> rounding_floor(const Corners& corners, const PixelNoise& noise) {
-  Eigen::Matrix<double, 8, 8> floor = Eigen::Matrix<double, 8, 8>::Zero();
-  const double slope = noise.contrast * std::sqrt(0.28 / std::max(noise.blur_px, 0.3));
-  const double offset2 = rounding_variance * undithered(noise) / std::max(slope * slope, 1.0);
-  for (std::size_t k = 0; k < 4; ++k) {
-    const Vector2 along = corners[(k + 1) % 4] - corners[k];
-    const Vector2 normal = Vector2(along.y(), -along.x()).normalized();
-    const double turn = phase_turn(along);
-    const Eigen::Matrix2d part = offset2 / (1.0 + turn * turn) * normal * normal.transpose();
-    for (const std::size_t end : {k, (k + 1) % 4})
-      floor.block<2, 2>(2 * static_cast<Eigen::Index>(end), 2 * static_cast<Eigen::Index>(end)) += part;
-  }
-  // What the model itself leaves out of a noiseless image (a border's cumulants beyond the fourth, the table, the steps
-  // of the fit) was seen to be a few ten-thousandths of a pixel on our own renderings.
-  constexpr double model_floor_px = 0.0005;
-  floor.diagonal().array() += model_floor_px * model_floor_px * undithered(noise);
-  return floor;
 }
 
 }  // namespace
@@ -377,7 +412,7 @@ PhotometricExplanation explained(const TagImageModel& model, const TagRegion& re
   result.modelled = cv::Mat1f(region.pixels.size(), std::numeric_limits<float>::quiet_NaN());
   const A::Vector& p = model.appearance().value;
   const double rim = 0.5 * model.pattern().cells;
-  const double blur = std::sqrt(0.5 * (p[A::blur_xx] + p[A::blur_yy]));
+  const double blur = model.appearance().blur_px();
   for (int row = 0; row < region.pixels.height; ++row)
     for (int column = 0; column < region.pixels.width; ++column) {
       const Vector2 at = region.place(region.lens.undistorted({region.pixels.x + column, region.pixels.y + row}));
@@ -446,11 +481,10 @@ Refinement fit_tag(const cv::Mat1b& gray, const std::string& family, const TagDe
   refined.id = coarse.id;
   refined.hamming = coarse.hamming;
   refined.margin = coarse.margin;
-  refined.covariance_px2 =
-      corner_by * *covariance * corner_by.transpose() + rounding_floor(refined.corners_px, fit.noise());
+  refined.covariance_px2 = corner_by * *covariance * corner_by.transpose();
   refined.residual_rms = quality.rms;
   refined.chi2_per_pixel = quality.chi2_per_pixel;
-  refined.blur_px = std::sqrt(0.5 * (p[A::blur_xx] + p[A::blur_yy]));
+  refined.blur_px = fit.model().appearance().blur_px();
   refined.terms = fit.terms(camera.has_value());
   if (explanation != nullptr) {
     *explanation = explained(fit.model(), *region);

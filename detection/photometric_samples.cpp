@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
+#include <map>
 #include <numbers>
 #include <utility>
 
@@ -266,7 +267,7 @@ std::vector<TagSample> select_samples(const cv::Mat1b& gray, const TagImageModel
 
 PixelNoise measure_noise(const TagImageModel& model, const std::vector<TagSample>& samples, double side_px) {
   const A::Vector& p = model.appearance().value;
-  const double blur = std::sqrt(0.5 * (p[A::blur_xx] + p[A::blur_yy]));
+  const double blur = model.appearance().blur_px();
   std::vector<double> black;
   std::vector<double> white;
   for (const TagSample& sample : samples) {
@@ -295,6 +296,56 @@ PixelNoise measure_noise(const TagImageModel& model, const std::vector<TagSample
   noise.contrast = p[A::drop];
   noise.side_px = side_px;
   return noise;
+}
+
+RoundedTogether rounded_together(const TagImageModel& model, const std::vector<TagSample>& samples,
+                                 const Eigen::Matrix<double, 8, TagAppearance::count>& influence) {
+  // Three terms hold five sixths of the variance; the others turn so fast from pixel to pixel that these err apart.
+  constexpr std::size_t terms = 3;
+  constexpr double nothing = 0.02;  // of a term's variance
+  // Pixels whose distances from a border differ by more than this share of its rise pass the levels at other places.
+  constexpr double bins = 16.0;
+  RoundedTogether result;
+  std::array<double, terms> variance{};
+  std::size_t used = 0;
+  for (; used < terms; ++used) {
+    const double turn = 2.0 * std::numbers::pi * static_cast<double>(used + 1);
+    variance[used] = 2.0 / (turn * turn);
+    double mean = 0.0;
+    for (const TagSample& sample : samples)
+      mean += std::exp(-turn * turn * std::max(0.0, sample.variance - rounding_variance));
+    mean /= static_cast<double>(std::max<std::size_t>(samples.size(), 1));
+    if (mean < nothing) break;
+    result.share += mean * variance[used] / rounding_variance;
+  }
+  if (used == 0) return result;
+  using Wave = Eigen::Matrix<double, 8, 2>;
+  std::map<int, std::array<Wave, terms>> waves;  // of one view, by bin
+  const auto finish = [&] {
+    for (const auto& [bin, by_term] : waves)
+      for (std::size_t k = 0; k < used; ++k)
+        result.covariance += variance[k] * by_term[k].lazyProduct(by_term[k].transpose());
+    waves.clear();
+  };
+  for (std::size_t i = 0; i < samples.size(); ++i) {
+    const TagSample& sample = samples[i];
+    if (i > 0 && !alike(sample.view, samples[i - 1].view)) finish();
+    if (sample.weight == 0.0F || sample.grey >= highest_grey || sample.grey <= lowest_grey) continue;
+    const auto [entry, fresh] = waves.try_emplace(static_cast<int>(std::floor(sample.whiteness * bins)));
+    if (fresh) entry->second.fill(Wave::Zero());
+    const ModelledPixel at = model.at(sample.x, sample.y, sample.view);
+    const Eigen::Matrix<double, 8, 1> moves =
+        influence.lazyProduct(at.by) * static_cast<double>(sample.weight / sample.variance);
+    for (std::size_t k = 0; k < used; ++k) {
+      const double turn = 2.0 * std::numbers::pi * static_cast<double>(k + 1);
+      const double left = std::exp(-0.5 * turn * turn * std::max(0.0, sample.variance - rounding_variance));
+      const double phase = turn * sample.modelled;
+      entry->second[k].col(0) += left * std::cos(phase) * moves;
+      entry->second[k].col(1) += left * std::sin(phase) * moves;
+    }
+  }
+  finish();
+  return result;
 }
 
 FitQuality quality(const std::vector<TagSample>& samples, std::size_t parameters) {

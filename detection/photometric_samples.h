@@ -39,6 +39,22 @@ std::vector<TagSample> select_samples(const cv::Mat1b& gray, const TagImageModel
 /// Noise of flat cells by their light, where no model of edges can be wrong.
 PixelNoise measure_noise(const TagImageModel& model, const std::vector<TagSample>& samples, double side_px);
 
+/// What rounding to whole grey levels makes of the covariance where pixels are rounded alike.
+struct RoundedTogether {
+  Eigen::Matrix<double, 8, 8> covariance = Eigen::Matrix<double, 8, 8>::Zero();  ///< of the homography
+  double share = 0.0;  ///< of the pixels' own scatter that is in it
+};
+
+/// Rounding errs by a sawtooth of the grey value, so two pixels of a quiet image err together as the fraction by which
+/// their grey values differ tells: under an unknown offset that is common to them, their covariance is the sum over k
+/// of cos(2 pi k difference) / (2 pi^2 k^2), and noise of variance s^2 takes exp(-4 pi^2 k^2 s^2) of each term (Widrow
+/// and Kollar, Quantization Noise, ch. 9). Common it is to pixels that a border crosses alike; along borders that run
+/// with the pixel grid nothing averages out. A noise of half a grey level leaves nothing of it all.
+/// @param samples    at the minimum, with what the model gives them; those of one view side by side
+/// @param influence  how the homography follows the slopes of the cost (columns: all parameters)
+RoundedTogether rounded_together(const TagImageModel& model, const std::vector<TagSample>& samples,
+                                 const Eigen::Matrix<double, 8, TagAppearance::count>& influence);
+
 /// How well the model explains the pixels that count.
 struct FitQuality {
   double chi2_per_pixel = 0.0;

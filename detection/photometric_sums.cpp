@@ -109,8 +109,7 @@ class TagSums {
     const A::Vector now = gradient();
     const A::Vector own = now - before_;
     before_ = now;
-    scatter_->views += own * own.transpose();
-    ++scatter_->count;
+    scatter_->views.push_back(own);
   }
 
   /// Samples in any order.
@@ -288,21 +287,27 @@ TAGDOCK_WIDE void TagSums::add_border(TagSample* first, std::size_t count) {
   for (std::size_t done = 0; done < count; done += lane_count) {
     block.load(first + done, count - done);
     Lanes r = lanes(static_cast<float>(view.white));
-    Lanes z{};
-    Lanes unit{};
-    Lanes by_z{};
-    if (border) {
-      unit = unit_0 + unit_x * block.x + unit_y * block.y;
-      z = (a * block.x + b * block.y + c) * unit;
-      const StepLanes step = boxed(normal(z), z, fourth);
-      r += step_up * step.value;
-      by_z = step_up * step.slope;
-    }
+    std::array<Lanes, 4> r_by{};
+    if (border)
+      for (const TagImageModel::Stop& stop : model_.stops_) {
+        const Lanes x = block.x + static_cast<float>(stop.x);
+        const Lanes y = block.y + static_cast<float>(stop.y);
+        const Lanes unit = unit_0 + unit_x * x + unit_y * y;
+        const Lanes z = (a * x + b * y + c) * unit;
+        const StepLanes step = boxed(normal(z), z, fourth);
+        const float up = step_up * static_cast<float>(stop.share);
+        r += up * step.value;
+        const Lanes by_c = up * step.slope * unit;
+        r_by[0] += by_c * x;
+        r_by[1] += by_c * y;
+        r_by[2] += by_c;
+        r_by[3] += by_c * z;
+      }
     const Lit lit = compare(block, r);
     lights.add(lit.by, lit.slope, lit.curvature);
     if (border) {
-      const Lanes f = lit.by_light * lit.drop * by_z * unit;
-      const std::array<Lanes, 4> by = {f * block.x, f * block.y, f, f * z};
+      const Lanes f = lit.by_light * lit.drop;
+      const std::array<Lanes, 4> by = {f * r_by[0], f * r_by[1], f * r_by[2], f * r_by[3]};
       geometry.add(by, lit.slope, lit.curvature);
       for (std::size_t i = 0; i < 4; ++i) {
         const Lanes scaled = lit.curvature * by[i];
@@ -412,85 +417,91 @@ TAGDOCK_WIDE void TagSums::add_general(TagSample* first, std::size_t count) {
   Block block;
   for (std::size_t done = 0; done < count; done += lane_count) {
     block.load(first + done, count - done);
-    for (std::size_t s = 0; s < seen_count; ++s) {
-      Seen& one = seen[s];
-      const Line& line = *one.line;
-      one.unit = static_cast<float>(line.unit) + static_cast<float>(line.unit_x) * block.x +
-                 static_cast<float>(line.unit_y) * block.y;
-      one.z =
-          (static_cast<float>(line.a) * block.x + static_cast<float>(line.b) * block.y + static_cast<float>(line.c)) *
-          one.unit;
-      one.gauss = normal(one.z);
-      one.step = boxed(one.gauss, one.z, static_cast<float>(line.fourth));
-      one.by_z = Lanes{};
-    }
     Lanes r = lanes(static_cast<float>(view.white));
-    for (std::size_t s = 0; s < step_count; ++s) {
-      Seen& one = seen[steps[s].seen];
-      r += steps[s].step * one.step.value;
-      one.by_z += steps[s].step * one.step.slope;
-    }
     std::array<Lanes, 2> by_u{}, by_v{}, by_w{};
     std::array<Lanes, 3> by_blur{};
-    for (std::size_t c = 0; c < corner_count; ++c) {
-      const Corner& corner = corners[c];
-      Seen& a = seen[corner.a];
-      Seen& b = seen[corner.b];
-      const BivariateNormal::Points& points = corner.integral->points();
-      const auto correlation = static_cast<float>(points.correlation);
-      const auto per_rest = static_cast<float>(points.per_rest);
-      const NormalLanes b_given_a = normal((b.z - correlation * a.z) * per_rest);
-      const NormalLanes a_given_b = normal((a.z - correlation * b.z) * per_rest);
-      Lanes both = a.gauss.cumulative * b.gauss.cumulative;
-      const Lanes squares = a.z * a.z + b.z * b.z;
-      const Lanes product = 2.0F * a.z * b.z;
-      for (std::size_t k = 0; k < static_cast<std::size_t>(points.count); ++k)
-        both +=
-            static_cast<float>(points.weight[k]) *
-            exponential(static_cast<float>(points.scale[k]) * (squares - product * static_cast<float>(points.sine[k])));
-      const Lanes more_a = a.step.value - a.gauss.cumulative;
-      const Lanes more_b = b.step.value - b.gauss.cumulative;
-      r += corner.sign * (both + more_a * b.gauss.cumulative + more_b * a.gauss.cumulative);
-      a.by_z += corner.sign * (a.gauss.density * b_given_a.cumulative +
-                               (a.step.slope - a.gauss.density) * b.gauss.cumulative + more_b * a.gauss.density);
-      b.by_z += corner.sign * (b.gauss.density * a_given_b.cumulative +
-                               (b.step.slope - b.gauss.density) * a.gauss.cumulative + more_a * b.gauss.density);
-      const Lanes by_correlation = corner.sign * a.gauss.density * b_given_a.density * per_rest;
-      const auto& by = corner.by_correlation;
-      by_u[0] += by_correlation * by[0];
-      by_u[1] += by_correlation * by[1];
-      by_v[0] += by_correlation * by[2];
-      by_v[1] += by_correlation * by[3];
-      by_w[0] += by_correlation * by[4];
-      by_w[1] += by_correlation * by[5];
-      for (std::size_t k = 0; k < 3; ++k) by_blur[k] += by_correlation * by[6 + k];
-    }
     Lanes by_u2{};
     Lanes by_v2{};
     Lanes by_bleed{};
-    for (std::size_t s = 0; s < seen_count; ++s) {
-      const Seen& one = seen[s];
-      const Line& line = *one.line;
-      const Lanes scale = one.by_z * one.unit;
-      const auto unit = static_cast<float>(line.unit);
-      const Lanes shrink = one.z * unit;
-      const Lanes da = scale * (block.x - shrink * static_cast<float>(line.ba));
-      const Lanes db = scale * (block.y - shrink * static_cast<float>(line.bb));
-      auto& by = one.across_v ? by_v : by_u;
-      by[0] += da;
-      by[1] += db;
-      (one.across_v ? by_v2 : by_u2) += scale;
-      const auto at = static_cast<float>(line.place);
-      by_w[0] -= at * da;
-      by_w[1] -= at * db;
-      const Lanes by_place = -(da * g6 + db * g7 + scale);
-      by_bleed += one.higher ? by_place : -by_place;
-      const Lanes by_variance = -0.5F * scale * shrink;
-      const auto nx = static_cast<float>(line.nx);
-      const auto ny = static_cast<float>(line.ny);
-      by_blur[0] += by_variance * (nx * nx);
-      by_blur[1] += by_variance * (2.0F * nx * ny);
-      by_blur[2] += by_variance * (ny * ny);
+    for (const TagImageModel::Stop& stop : model_.stops_) {
+      const Lanes x = block.x + static_cast<float>(stop.x);
+      const Lanes y = block.y + static_cast<float>(stop.y);
+      const auto share = static_cast<float>(stop.share);
+      for (std::size_t s = 0; s < seen_count; ++s) {
+        Seen& one = seen[s];
+        const Line& line = *one.line;
+        one.unit =
+            static_cast<float>(line.unit) + static_cast<float>(line.unit_x) * x + static_cast<float>(line.unit_y) * y;
+        one.z =
+            (static_cast<float>(line.a) * x + static_cast<float>(line.b) * y + static_cast<float>(line.c)) * one.unit;
+        one.gauss = normal(one.z);
+        one.step = boxed(one.gauss, one.z, static_cast<float>(line.fourth));
+        one.by_z = Lanes{};
+      }
+      for (std::size_t s = 0; s < step_count; ++s) {
+        Seen& one = seen[steps[s].seen];
+        const float up = share * steps[s].step;
+        r += up * one.step.value;
+        one.by_z += up * one.step.slope;
+      }
+      for (std::size_t c = 0; c < corner_count; ++c) {
+        const Corner& corner = corners[c];
+        const float sign = share * corner.sign;
+        Seen& a = seen[corner.a];
+        Seen& b = seen[corner.b];
+        const BivariateNormal::Points& points = corner.integral->points();
+        const auto correlation = static_cast<float>(points.correlation);
+        const auto per_rest = static_cast<float>(points.per_rest);
+        const NormalLanes b_given_a = normal((b.z - correlation * a.z) * per_rest);
+        const NormalLanes a_given_b = normal((a.z - correlation * b.z) * per_rest);
+        Lanes both = a.gauss.cumulative * b.gauss.cumulative;
+        const Lanes squares = a.z * a.z + b.z * b.z;
+        const Lanes product = 2.0F * a.z * b.z;
+        for (std::size_t k = 0; k < static_cast<std::size_t>(points.count); ++k)
+          both += static_cast<float>(points.weight[k]) *
+                  exponential(static_cast<float>(points.scale[k]) *
+                              (squares - product * static_cast<float>(points.sine[k])));
+        const Lanes more_a = a.step.value - a.gauss.cumulative;
+        const Lanes more_b = b.step.value - b.gauss.cumulative;
+        r += sign * (both + more_a * b.gauss.cumulative + more_b * a.gauss.cumulative);
+        a.by_z += sign * (a.gauss.density * b_given_a.cumulative +
+                          (a.step.slope - a.gauss.density) * b.gauss.cumulative + more_b * a.gauss.density);
+        b.by_z += sign * (b.gauss.density * a_given_b.cumulative +
+                          (b.step.slope - b.gauss.density) * a.gauss.cumulative + more_a * b.gauss.density);
+        const Lanes by_correlation = sign * a.gauss.density * b_given_a.density * per_rest;
+        const auto& by = corner.by_correlation;
+        by_u[0] += by_correlation * by[0];
+        by_u[1] += by_correlation * by[1];
+        by_v[0] += by_correlation * by[2];
+        by_v[1] += by_correlation * by[3];
+        by_w[0] += by_correlation * by[4];
+        by_w[1] += by_correlation * by[5];
+        for (std::size_t k = 0; k < 3; ++k) by_blur[k] += by_correlation * by[6 + k];
+      }
+      for (std::size_t s = 0; s < seen_count; ++s) {
+        const Seen& one = seen[s];
+        const Line& line = *one.line;
+        const Lanes scale = one.by_z * one.unit;
+        const auto unit = static_cast<float>(line.unit);
+        const Lanes shrink = one.z * unit;
+        const Lanes da = scale * (x - shrink * static_cast<float>(line.ba));
+        const Lanes db = scale * (y - shrink * static_cast<float>(line.bb));
+        auto& by = one.across_v ? by_v : by_u;
+        by[0] += da;
+        by[1] += db;
+        (one.across_v ? by_v2 : by_u2) += scale;
+        const auto at = static_cast<float>(line.place);
+        by_w[0] -= at * da;
+        by_w[1] -= at * db;
+        const Lanes by_place = -(da * g6 + db * g7 + scale);
+        by_bleed += one.higher ? by_place : -by_place;
+        const Lanes by_variance = -0.5F * scale * shrink;
+        const auto nx = static_cast<float>(line.nx);
+        const auto ny = static_cast<float>(line.ny);
+        by_blur[0] += by_variance * (nx * nx);
+        by_blur[1] += by_variance * (2.0F * nx * ny);
+        by_blur[2] += by_variance * (ny * ny);
+      }
     }
     const Lit lit = compare(block, r);
     const Lanes f = lit.by_light * lit.drop;

@@ -203,6 +203,7 @@ Step step_acquiring(const Acquiring& before, const Inputs& inputs, const Docking
     return Step{now, {}, {}};
   };
   if (inputs.now - now.since > config.acquire.timeout) {
+    if (!sees_board(inputs)) return failed(now.job, unseen_reason(now, inputs));
     return failed(now.job, {Cause::timed_out, text("the board could not be centred and measured within %.0f s",
                                                    seconds(config.acquire.timeout))});
   }

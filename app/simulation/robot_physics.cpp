@@ -95,17 +95,31 @@ Twist2 RobotPhysics::wanted_at(std::chrono::nanoseconds time) {
   return faster_wheel < drive_.dead_band ? Twist2{} : wanted;
 }
 
+// Told to move, and then nothing for the time-out: the drive's electronics notice that without the dead time.
+bool RobotPhysics::is_forsaken() const {
+  const auto timeout = std::chrono::nanoseconds(std::llround(1e9 * drive_.command_timeout));
+  const auto newest = std::find_if(commands_.rbegin(), commands_.rend(),
+                                   [this](const Command& command) { return command.time <= truth_.time; });
+  return newest != commands_.rend() && newest->wanted != Twist2{} && truth_.time - newest->time > timeout;
+}
+
 void RobotPhysics::take_step() {
   constexpr double dt = std::chrono::duration<double>(step).count();
   const auto dead_time = std::chrono::nanoseconds(std::llround(1e9 * drive_.dead_time));
   const Twist2 wanted = wanted_at(truth_.time - dead_time);
 
-  // The drive: lag and limits.
   Twist2& wheels = truth_.wheels;
-  wheels.linear +=
-      dt * std::clamp((wanted.linear - wheels.linear) / drive_.lag, -drive_.acceleration, drive_.acceleration);
-  wheels.angular += dt * std::clamp((wanted.angular - wheels.angular) / drive_.lag, -drive_.angular_acceleration,
-                                    drive_.angular_acceleration);
+  if (is_forsaken()) {
+    const double change = dt * drive_.stop_deceleration;
+    const double turn_change = change / (0.5 * drive_.track);
+    wheels.linear -= std::clamp(wheels.linear, -change, change);
+    wheels.angular -= std::clamp(wheels.angular, -turn_change, turn_change);
+  } else {  // lag and limits
+    wheels.linear +=
+        dt * std::clamp((wanted.linear - wheels.linear) / drive_.lag, -drive_.acceleration, drive_.acceleration);
+    wheels.angular += dt * std::clamp((wanted.angular - wheels.angular) / drive_.lag, -drive_.angular_acceleration,
+                                      drive_.angular_acceleration);
+  }
   const double v = wheels.linear;
   const double w = wheels.angular;
   const double odometry_yaw = T_odom_base_.yaw + 0.5 * w * dt;

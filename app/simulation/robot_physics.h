@@ -70,6 +70,7 @@ class RobotPhysics {
   void find_friction();
   void draw_start(const StartScenario& start, double camera_ahead, std::uint64_t seed);
   [[nodiscard]] Twist2 wanted_at(std::chrono::nanoseconds time);
+  [[nodiscard]] bool is_forsaken() const;
   void take_step();
 
   DriveScenario drive_;

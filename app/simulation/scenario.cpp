@@ -53,6 +53,7 @@ std::vector<Key> keys_of(Scenario& scenario) {
       {"drive", "acceleration", &drive.acceleration, 0.01, 5.0},
       {"drive", "angular_acceleration", &drive.angular_acceleration, 0.01, 20.0},
       {"drive", "command_timeout", &drive.command_timeout, 0.02, 1.0},
+      {"drive", "stop_deceleration", &drive.stop_deceleration, 0.05, 10.0},
       {"drive", "dead_band", &drive.dead_band, 0.0, 0.1},
       {"drive", "mass", &drive.mass, 1.0, 1e5},
       {"drive", "drive_load_share", &drive.drive_load_share, 0.05, 1.0},

@@ -114,3 +114,20 @@ TEST_CASE("a calibration that was refused is no rig to dock with") {
   CHECK(read_rig(folder.path / "good.yaml").camera.fx == 1100);
   CHECK(refusal([&] { (void)read_rig(folder.path / "bad.yaml"); }).find("verdict") != std::string::npos);
 }
+
+TEST_CASE("a refused calibration does not replace a good one") {
+  const Folder folder;
+  const auto text = [&](const std::string& name) {
+    std::ifstream stream(folder.path / name);
+    return std::string(std::istreambuf_iterator<char>(stream), {});
+  };
+  const fs::path file = folder.path / "rig.yaml";
+  write_result(file, {{"verdict", "good"}, {"number", 1}});
+  const std::string good = text("rig.yaml");
+  write_result(file, {{"verdict", "refused"}, {"number", 2}});
+  CHECK(text("rig.yaml").find("refused") != std::string::npos);
+  CHECK(text("rig.yaml.good") == good);
+  write_result(file, {{"verdict", "refused"}, {"number", 3}});
+  CHECK(text("rig.yaml.good") == good);
+  CHECK(refusal([&] { write_whole(folder.path / "nowhere" / "x.html", "", "--report"); }).find("--report") == 0);
+}

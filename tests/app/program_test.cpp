@@ -1,10 +1,14 @@
 // The program as a person or a script meets it: arguments in, exit code, words and files out.
 #include <algorithm>
+#include <atomic>
+#include <chrono>
+#include <csignal>
 #include <cstdlib>
 #include <filesystem>
 #include <fstream>
 #include <sstream>
 #include <sys/wait.h>
+#include <thread>
 #include <unistd.h>
 
 #include <catch2/catch.hpp>
@@ -48,6 +52,25 @@ Run run(const Scratch& scratch, const std::string& arguments, const std::string&
   const int status = std::system(command.c_str());
   return {WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status), contents(scratch.path("out")),
           contents(scratch.path("err"))};
+}
+
+/// The processes below this test that talk to a camera; the first of them was started first.
+std::vector<pid_t> camera_clients() {
+  std::vector<pid_t> found;
+  const auto parent_of = [](pid_t process) {
+    const std::string stat = contents("/proc/" + std::to_string(process) + "/stat");
+    const auto end = stat.rfind(')');
+    return end == std::string::npos ? 0 : std::atoi(stat.c_str() + end + 4);
+  };
+  for (const auto& entry : std::filesystem::directory_iterator("/proc")) {
+    const pid_t process = std::atoi(entry.path().filename().c_str());
+    if (process <= 0 || contents(entry.path() / "cmdline").find("camera-client") == std::string::npos) continue;
+    pid_t ancestor = process;
+    while (ancestor > 1 && ancestor != ::getpid()) ancestor = parent_of(ancestor);
+    if (ancestor == ::getpid()) found.push_back(process);
+  }
+  std::sort(found.begin(), found.end());
+  return found;
 }
 
 // Few frames, so that a whole docking takes seconds; the same code as with many.
@@ -112,6 +135,45 @@ TEST_CASE("over a small receive buffer the docking goes on with coarser pictures
   CHECK(same.code == 0);
 }
 
+TEST_CASE("a docking goes on when the process that talks to the camera is aborted, and replays bit-equal",
+          "[docking]") {
+  const Scratch scratch;
+  const std::string config = scratch.write("dock.yaml", "camera: {receive_buffer_bytes: 212992}\n");
+  // Once on the way and once in the servo phase; there the spare one dies with it, and another must be started.
+  std::atomic<bool> over{false};
+  int aborted = 0;
+  std::thread killer([&] {
+    for (const char* phase : {",following,", ",servoing,"}) {
+      while (!over && contents(scratch.path("aborted") + "/phases.csv").find(phase) == std::string::npos)
+        std::this_thread::sleep_for(std::chrono::milliseconds(20));
+      std::this_thread::sleep_for(std::chrono::milliseconds(1500));
+      const std::vector<pid_t> clients = camera_clients();
+      const bool both = std::string(phase) == ",servoing,";
+      for (std::size_t i = 0; !over && i < (both ? clients.size() : std::min<std::size_t>(1, clients.size())); ++i)
+        aborted += ::kill(clients[i], SIGABRT) == 0 ? 1 : 0;
+    }
+  });
+  const Run run_through =
+      run(scratch, "dock --config " + config + " --seed 2 --json --record " + scratch.path("aborted"));
+  over = true;
+  killer.join();
+  INFO(run_through.out << run_through.err);
+  CHECK(aborted == 3);
+  REQUIRE(run_through.code == 0);
+  const auto report = nlohmann::json::parse(run_through.out);
+  CHECK(report["result"] == "docked");
+  CHECK(report["camera"]["reconnects"].get<int>() == 2);
+  const auto truth = report["final"]["pose_error_true"];
+  CHECK(std::abs(truth["x"].get<double>()) < 0.010);
+  CHECK(std::abs(truth["y"].get<double>()) < 0.010);
+  CHECK(std::abs(truth["yaw"].get<double>()) < 0.01745);
+  // What the docking saw of it is a camera that was lost.
+  CHECK_THAT(contents(scratch.path("aborted") + "/commands.csv"), Contains(",lost,"));
+  const Run same = run(scratch, "replay " + scratch.path("aborted") + " --compare");
+  INFO(same.out << same.err);
+  CHECK(same.code == 0);
+}
+
 TEST_CASE("a wrong configuration is refused with file, line and key", "[quick]") {
   const Scratch scratch;
   const std::string config = scratch.write("dock.yaml", "docking:\n  servo: {max_sped: 0.1}\n");
@@ -131,6 +193,27 @@ TEST_CASE("a folder that cannot be recorded into is refused before anything move
   const Run bad = run(scratch, "dock --speedup 0 --record /proc/nowhere/session");
   CHECK(bad.code == 2);
   CHECK_THAT(bad.err, Contains("/proc/nowhere/session"));
+}
+
+TEST_CASE("a calibration given a wrong number names the option, and what it should be", "[quick]") {
+  const Scratch scratch;
+  const auto refused = [&](const std::string& arguments, const std::string& option) {
+    const Run made = run(scratch, "calibrate " + arguments);
+    INFO(arguments << ": " << made.err);
+    CHECK(made.code == 2);
+    CHECK_THAT(made.err, Contains(option));
+  };
+  const std::string hand_eye = "hand-eye --dataset " + scratch.path("none") + " --output " + scratch.path("rig.yaml");
+  refused(hand_eye + " --camera-height -0.3", "--camera-height");
+  refused(hand_eye + " --camera-height 360", "--camera-height");
+  refused(hand_eye + " --camera-height 0.3 --camera-height-sigma -1", "--camera-height-sigma");
+  const std::string target = "target --output " + scratch.path("board.pdf");
+  refused(target + " --cols 0", "--cols");
+  refused(target + " --square -0.02", "--square");
+  refused(target + " --kind taggrid --spacing -1", "--spacing");
+  refused(target + " --description " + scratch.path("nowhere/board.yaml"), "--description");
+  refused("wizard --target x.yaml --measured-x -5", "--measured-x");
+  CHECK(run(scratch, "calibrate target --kind vboard --output " + scratch.path("v.pdf")).code == 0);
 }
 
 TEST_CASE("a report or a picture that cannot be written is known before anything moves, and undoes no docking",

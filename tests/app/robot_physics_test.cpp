@@ -83,20 +83,39 @@ TEST_CASE("the drive answers after its dead time, with its lag, within its limit
   CHECK(last == Approx(0.2).margin(1e-6));
 }
 
-TEST_CASE("the robot stops by itself 200 ms after the last command") {
-  RobotPhysics robot(exact_start(), DriveScenario{}, camera_ahead, 3);
-  drive_for(robot, {0.1, 0.0}, milliseconds(2000));
-  const nanoseconds last_command = robot.truth().time - milliseconds(20);
-  nanoseconds slower{0};
-  const double before = robot.truth().wheels.linear;
-  for (int i = 0; i < 400; ++i) {
-    robot.advance(robot.truth().time + milliseconds(5));
-    if (slower.count() == 0 && robot.truth().wheels.linear < before - 1e-6) slower = robot.truth().time;
+TEST_CASE("the robot stops by itself 200 ms after the last command, and stands within 300 ms") {
+  for (const Twist2& motion : {Twist2{0.15, 0.0}, Twist2{0.1, 0.1}, Twist2{-0.1, 0.0}}) {
+    RobotPhysics robot(exact_start(), DriveScenario{}, camera_ahead, 3);
+    drive_for(robot, motion, milliseconds(2000));
+    const nanoseconds last_command = robot.truth().time - milliseconds(20);
+    nanoseconds slower{0};
+    nanoseconds stands{0};
+    const double before = std::abs(robot.truth().wheels.linear);
+    for (int i = 0; i < 100; ++i) {
+      robot.advance(robot.truth().time + milliseconds(5));
+      const double speed = std::abs(robot.truth().wheels.linear);
+      if (slower.count() == 0 && speed < before - 1e-6) slower = robot.truth().time;
+      if (stands.count() == 0 && robot.truth().wheels == Twist2{}) stands = robot.truth().time;
+    }
+    CAPTURE(motion.linear, motion.angular);
+    // The time-out and up to two steps of 5 ms; then 2 m/s^2.
+    CHECK(slower - last_command > milliseconds(200));
+    CHECK(slower - last_command <= milliseconds(210));
+    CHECK(stands - last_command > milliseconds(240));
+    CHECK(stands - last_command <= milliseconds(300));
   }
-  // Time-out and dead time, and up to two steps of 5 ms.
-  CHECK(slower - last_command > milliseconds(260));
-  CHECK(slower - last_command <= milliseconds(270));
-  CHECK(std::abs(robot.truth().wheels.linear) < 1e-6);  // m/s after 2 s
+}
+
+TEST_CASE("a robot that was told to stand stops by its ordinary ramp, also when nothing follows") {
+  RobotPhysics robot(exact_start(), DriveScenario{}, camera_ahead, 3);
+  RobotPhysics heard(exact_start(), DriveScenario{}, camera_ahead, 3);
+  drive_for(robot, {0.15, 0.0}, milliseconds(2000));
+  drive_for(heard, {0.15, 0.0}, milliseconds(2000));
+  drive_for(robot, {}, milliseconds(20));
+  robot.advance(robot.truth().time + milliseconds(800));
+  drive_for(heard, {}, milliseconds(820));
+  CHECK(robot.truth().wheels == heard.truth().wheels);
+  CHECK(robot.truth().wheels.linear > 0.0);
 }
 
 TEST_CASE("encoders do not see slip, and castors push the robot aside where it turns") {

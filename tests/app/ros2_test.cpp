@@ -8,10 +8,14 @@
 #include <functional>
 #include <limits>
 #include <mutex>
+#include <net/if.h>
+#include <netinet/in.h>
 #include <random>
+#include <sys/socket.h>
 #include <thread>
 
 #include <catch2/catch.hpp>
+#include <nlohmann/json.hpp>
 
 #include "app/config.h"
 #include "app/failure.h"
@@ -486,6 +490,102 @@ TEST_CASE("the dock pose and the path are told in the frames of REP-105") {
   CHECK(message.poses.size() == 21);
   CHECK(message.poses.front().pose.position == ros2::Vector3{11.0, 2.0, 0.0});
   CHECK(message.poses.back().pose.position.x == Approx(12.0));
+}
+
+TEST_CASE("status and diagnostics say what the docking, the camera and the link are at", "[link]") {
+  const int domain = next_domain();
+  FakeBase base(domain);
+  const auto status = base.link().subscription<ros2::String>("/docking_status", ros2::Delivery::reliable, 100);
+  const auto diagnostics =
+      base.link().subscription<ros2::DiagnosticArray>("/diagnostics", ros2::Delivery::reliable, 100);
+  const Ros2Robot robot = open_ros2(config_of(domain), patient(), steady_clock::now());
+  const Config config = parse_config(to_yaml(Config{}), "(the default)");
+  DockingTopics topics(robot, config_of(domain), "tag36h11");
+  DockingLoop loop(config);
+  CameraHealth camera;
+  camera.state = "streaming";
+  camera.received = 123;
+  camera.lost = 4;
+  DockingLoop::Inputs inputs;
+  std::vector<nlohmann::json> states;
+  std::vector<ros2::DiagnosticArray> arrays;
+  const auto cycle = [&] {
+    inputs.now += milliseconds(20);
+    inputs.odometry = {{inputs.now, {}, {}}};
+    topics.cycle(inputs, loop.cycle(inputs), loop.docker(), camera);
+    std::this_thread::sleep_for(milliseconds(2));
+    for (const ros2::String& one : status.take()) states.push_back(nlohmann::json::parse(one.data));
+    for (ros2::DiagnosticArray& one : diagnostics.take()) arrays.push_back(std::move(one));
+  };
+  inputs.now = seconds(2);
+  for (int i = 0; i < 3000 && (states.empty() || arrays.empty()); ++i) cycle();
+  REQUIRE_FALSE(states.empty());
+  REQUIRE_FALSE(arrays.empty());
+  const nlohmann::json first = states.front();
+  CHECK(first["schema"] == "tagdock-status/1");
+  CHECK(first["phase"] == "acquiring");
+  CHECK(first["over"] == false);
+  CHECK(first["attempts"] == 1);
+  CHECK(first["reason"].is_null());
+  CHECK(first["T_station_base"].is_null());
+  CHECK(first["command"]["linear"].is_number());
+  const auto named = [](const ros2::DiagnosticArray& array, const std::string& name) {
+    const auto found = std::find_if(array.status.begin(), array.status.end(),
+                                    [&](const ros2::DiagnosticStatus& one) { return one.name == name; });
+    REQUIRE(found != array.status.end());
+    return *found;
+  };
+  const auto value = [](const ros2::DiagnosticStatus& one, const std::string& key) {
+    for (const ros2::KeyValue& pair : one.values)
+      if (pair.key == key) return pair.value;
+    return std::string("(no such key)");
+  };
+  const ros2::DiagnosticStatus eye = named(arrays.front(), "tagdock: camera");
+  CHECK(eye.level == ros2::DiagnosticStatus::ok);
+  CHECK(eye.message == "streaming");
+  CHECK(value(eye, "frames") == "123");
+  CHECK(value(eye, "lost") == "4");
+  CHECK(named(arrays.front(), "tagdock: docking").message == "acquiring");
+  CHECK(value(named(arrays.front(), "tagdock: robot link"), "obstacle_stop") == "false");
+
+  // The camera goes, then the robot: each is told as an error, in its own words.
+  camera.state = "lost";
+  camera.reason = "the camera sends no frames and does not answer";
+  inputs.camera = CameraState::lost;
+  inputs.camera_sentence = camera.reason;
+  inputs.robot_linked = false;
+  inputs.robot_sentence = "the robot has been silent";
+  for (int i = 0; i < 3000 && !(states.back()["over"] == true && arrays.back().status.front().level == 2); ++i) cycle();
+  CHECK(states.back()["phase"] == "stopped");
+  CHECK_THAT(states.back()["reason"]["sentence"].get<std::string>(), Contains("the robot has been silent"));
+  CHECK_FALSE(states.back()["reason"]["cause"].get<std::string>().empty());
+  CHECK(states.back()["command"]["linear"] == 0.0);
+  const ros2::DiagnosticStatus docking = named(arrays.back(), "tagdock: docking");
+  CHECK(docking.level == ros2::DiagnosticStatus::error);
+  CHECK(docking.message == states.back()["reason"]["sentence"]);
+  CHECK(named(arrays.back(), "tagdock: camera").level == ros2::DiagnosticStatus::error);
+  CHECK(named(arrays.back(), "tagdock: camera").message == camera.reason);
+}
+
+TEST_CASE("no socket of the link takes packets from another interface", "[link]") {
+  const ros2::Link link(ros2::LinkConfig{next_domain(), "lo", {}, "alone"});
+  int open_to_all = 0;
+  for (int handle = 3; handle < 256; ++handle) {
+    int type = 0;
+    socklen_t size = sizeof type;
+    if (::getsockopt(handle, SOL_SOCKET, SO_TYPE, &type, &size) != 0 || type != SOCK_DGRAM) continue;
+    sockaddr_in here{};
+    size = sizeof here;
+    if (::getsockname(handle, reinterpret_cast<sockaddr*>(&here), &size) != 0 || here.sin_family != AF_INET) continue;
+    if (here.sin_port == 0 || ntohl(here.sin_addr.s_addr) >> 24 == 127) continue;
+    ++open_to_all;
+    char device[IFNAMSIZ] = {};
+    size = sizeof device;
+    CHECK(::getsockopt(handle, SOL_SOCKET, SO_BINDTODEVICE, device, &size) == 0);
+    CHECK(std::string(device) == "lo");
+  }
+  // If Cyclone comes to bind them itself, this test and what it tests are to be taken out.
+  CHECK(open_to_all >= 2);
 }
 
 // ----------------------------------------------------------------------------------------------- mutated payloads

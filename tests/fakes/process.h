@@ -44,6 +44,14 @@ class Process {
     if (id_ > 0) ::kill(id_, number);
   }
 
+  /// Empty while it runs; then "exit code 5" or "signal 11".
+  [[nodiscard]] std::string ended() const {
+    siginfo_t end{};
+    if (id_ <= 0 || ::waitid(P_PID, static_cast<id_t>(id_), &end, WEXITED | WNOHANG | WNOWAIT) != 0) return "killed";
+    if (end.si_pid == 0) return {};
+    return (end.si_code == CLD_EXITED ? "exit code " : "signal ") + std::to_string(end.si_status);
+  }
+
   /// kill -9, and waits until the process is gone.
   void kill() {
     if (id_ <= 0) return;

@@ -250,6 +250,11 @@ TEST_CASE("tags of another station are refused by name") {
   const Outcome outcome = docking(1, fault);
   CHECK(name(outcome.phase) == "failed");
   CHECK(cause_of(outcome) == Cause::wrong_tags);
+
+  // Also where the time is over first, as with a robot that cannot look around.
+  DockingConfig config = test_config();
+  config.acquire.timeout = std::chrono::seconds(4);
+  CHECK(cause_of(docking(1, fault, config)) == Cause::wrong_tags);
 }
 
 TEST_CASE("a board out of view at first is found by the sweep") {

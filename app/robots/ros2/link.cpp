@@ -3,15 +3,21 @@
 #include "app/robots/ros2/link.h"
 
 #include <algorithm>
+#include <arpa/inet.h>
 #include <cctype>
+#include <cerrno>
 #include <charconv>
 #include <cstdlib>
 #include <cstring>
 #include <dds/dds.h>
 #include <dds/ddsrt/log.h>
+#include <filesystem>
 #include <map>
 #include <mutex>
 #include <net/if.h>
+#include <netinet/in.h>
+#include <set>
+#include <sys/socket.h>
 
 #include "app/failure.h"
 #include "app/robots/ros2/codec.h"
@@ -79,6 +85,35 @@ std::string configuration(const LinkConfig& config) {
 // log. What went wrong on our side comes back as a return value.
 void keep_quiet() {
   dds_set_log_sink([](void*, const dds_log_data_t*) {}, nullptr);
+}
+
+/// UDP sockets of this process that take packets from every interface.
+std::set<int> open_to_all() {
+  std::set<int> found;
+  std::error_code error;
+  for (const auto& entry : std::filesystem::directory_iterator("/proc/self/fd", error)) {
+    const int handle = std::atoi(entry.path().filename().c_str());
+    int type = 0;
+    socklen_t size = sizeof type;
+    if (::getsockopt(handle, SOL_SOCKET, SO_TYPE, &type, &size) != 0 || type != SOCK_DGRAM) continue;
+    sockaddr_in here{};
+    size = sizeof here;
+    if (::getsockname(handle, reinterpret_cast<sockaddr*>(&here), &size) == 0 && here.sin_family == AF_INET &&
+        here.sin_port != 0 && here.sin_addr.s_addr == htonl(INADDR_ANY))
+      found.insert(handle);
+  }
+  return found;
+}
+
+/// Cyclone 0.10 listens on all addresses of the machine whichever interface it was given, and who reaches its ports can
+/// talk it into anything. From here on the kernel gives those sockets what comes over the interface, and nothing else.
+/// @param earlier  sockets that are not Cyclone's
+void keep_to_interface(const std::string& interface, const std::set<int>& earlier) {
+  for (const int handle : open_to_all())
+    if (!earlier.contains(handle) && ::setsockopt(handle, SOL_SOCKET, SO_BINDTODEVICE, interface.c_str(),
+                                                  static_cast<socklen_t>(interface.size())) != 0)
+      throw Failure(ExitCode::robot_link, "ROS 2 link: its sockets cannot be kept to the interface " + interface +
+                                              ": " + std::strerror(errno));
 }
 
 bool plain_address(const std::string& text) {
@@ -151,6 +186,7 @@ struct Link::Core {
         throw Failure(ExitCode::usage, "ros2.peers has \"" + peer + "\"; it must be an address such as 192.168.1.7");
     keep_quiet();
     const auto id = static_cast<dds_domainid_t>(config.domain);
+    const std::set<int> earlier = open_to_all();
     domain = dds_create_domain(id, configuration(config).c_str());
     // A second link of this process shares the first one's domain.
     if (domain == DDS_RETCODE_PRECONDITION_NOT_MET) domain = 0;
@@ -161,6 +197,7 @@ struct Link::Core {
       participant = good(dds_create_participant(id, qos.get(), nullptr),
                          "cannot join domain " + std::to_string(config.domain) + " on " + config.interface);
       dds_get_guid(participant, &own);
+      keep_to_interface(config.interface, earlier);
       waitset = good(dds_create_waitset(participant), "cannot wait");
       const auto watch = [&](dds_entity_t topic) {
         return good(dds_create_reader(participant, topic, nullptr, nullptr), "cannot see who else is there");
