@@ -33,7 +33,8 @@ void visit(Fields& fields, CameraConfig& camera) {
   fields.number("frame_rate", camera.frame_rate, 1.0, 200.0);
   fields.integer("receive_buffer_bytes", camera.receive_buffer, 65536, 1 << 30);
   fields.flag("auto_exposure", camera.auto_exposure);
-  fields.word("pixel_format", camera.pixel_format, {"Mono8", "Mono10", "Mono10Packed", "Mono12", "Mono12Packed", "Mono16"});
+  fields.word("pixel_format", camera.pixel_format,
+              {"Mono8", "Mono10", "Mono10Packed", "Mono12", "Mono12Packed", "Mono16"});
   fields.flag("ptp", camera.ptp);
   fields.flag("chunks", camera.chunks);
   fields.number("latency_ms", camera.latency_ms, 0.0, 1000.0);

@@ -18,7 +18,8 @@ std::string digits(double value) {
 std::string one_field(std::string text) {
   std::replace(text.begin(), text.end(), ',', ';');
   // Also what ends a line elsewhere: the reader takes a '\r' at the end of a line for a part of its end.
-  std::replace_if(text.begin(), text.end(), [](char c) { return c == '\n' || c == '\r' || c == '\0'; }, ' ');
+  std::replace_if(
+      text.begin(), text.end(), [](char c) { return c == '\n' || c == '\r' || c == '\0'; }, ' ');
   return text;
 }
 

@@ -33,8 +33,8 @@ TEST_CASE("frames that the docking used and that were not recorded are told as j
   const ReplayResult one = repeated(scratch.folder);
   CHECK(one.frames_not_recorded == 1);
   REQUIRE_FALSE(one.differences.empty());
-  CHECK_THAT(one.differences.front(), Contains("1 frame that the docking used was not recorded") && Contains("(2)") &&
-                                          Contains("at 0.085 s"));
+  CHECK_THAT(one.differences.front(),
+             Contains("1 frame that the docking used was not recorded") && Contains("(2)") && Contains("at 0.085 s"));
   std::filesystem::remove(scratch.folder / "cam0/data/I000003.pgm");
   const ReplayResult two = repeated(scratch.folder);
   CHECK(two.frames_not_recorded == 2);
