@@ -97,7 +97,8 @@ nlohmann::ordered_json to_json(const DockingReport& report) {
                     {"overwritten", report.camera.overwritten},
                     {"reconnects", report.camera.reconnects},
                     {"age_p50_ms", quantile(report.frame_ages_ms, 0.5)},
-                    {"age_p95_ms", quantile(report.frame_ages_ms, 0.95)}};
+                    {"age_p95_ms", quantile(report.frame_ages_ms, 0.95)},
+                    {"age_p99_ms", quantile(report.frame_ages_ms, 0.99)}};
   json["sightings"] = report.sightings;
   json["seed"] = report.seed;
   return json;

@@ -20,6 +20,8 @@
 #include "app/config.h"
 #include "app/failure.h"
 #include "app/rig_file.h"
+#include "app/robots/ros2.h"
+#include "app/ros2_options.h"
 #include "app/verbs.h"
 #include "servo/line_following.h"
 
@@ -40,6 +42,10 @@ struct DoctorOptions {
   std::string rig;
   std::string board;
   std::string record = ".";
+  std::string robot;
+  std::optional<int> domain;
+  std::string name_space;
+  std::vector<std::string> remaps;
   bool json = false;
 };
 
@@ -118,15 +124,16 @@ Finding check_control(const Config& config) {
 
 Finding check_untested(const Config& config) {
   std::string used;
-  if (config.camera.ptp) used += " ptp";
-  if (config.camera.chunks) used += " chunks";
-  if (config.camera.pixel_format != "Mono8") used += " " + config.camera.pixel_format;
+  const auto name = [&used](const char* key) { used += std::string(used.empty() ? "" : ", ") + "camera." + key; };
+  if (config.camera.ptp) name("ptp");
+  if (config.camera.chunks) name("chunks");
+  if (config.camera.pixel_format != "Mono8") name("pixel_format");
   const std::string what =
-      "tried with the simulated camera only: packet resend, software trigger, 16-bit pixels, PTP status; untested: "
-      "clock by PTP, chunk data, 10- and 12-bit pixels, automatic packet size";
-  if (used.empty()) return {Verdict::good, what + " (none is switched on)", ""};
-  return {Verdict::advice, what + "; switched on:" + used,
-          "try it before relying on it, or leave camera." + used.substr(1) + " off"};
+      "no real GigE camera was ever tried. With the simulated one: packet resend, software trigger, chunk data, pixels "
+      "of 10, 12 and 16 bits, PTP status. With none: the clock by PTP, packet sizes beyond the loopback device";
+  if (used.empty()) return {Verdict::good, what + ". Nothing of it is switched on", ""};
+  return {Verdict::advice, what + ". Switched on: " + used,
+          "try it with your camera (tagdock record) before relying on it, or leave it off"};
 }
 
 Finding check_client() {
@@ -188,8 +195,27 @@ Finding check_robot(const Config& config) {
   if (config.robot == "none")
     return {Verdict::advice, "robot link: none, so nothing will be driven",
             "set robot in the configuration, or --robot"};
-  return {Verdict::advice, "robot link: " + config.robot + " is opened only by dock",
-          "tagdock dock says within a second whether it answers"};
+  const std::string where = "robot link: ROS 2 domain " + std::to_string(domain_of(config.ros2)) + " on " +
+                            config.ros2.interface + ", " + topic(config.ros2, config.ros2.topics.odom);
+  const Ros2Look look = look_for_ros2(config.ros2, std::chrono::seconds(3), std::chrono::seconds(1));
+  if (!look.missing.empty())
+    return {
+        Verdict::fault, where + ": " + look.missing,
+        "start the robot; then domain (ROS_DOMAIN_ID, --domain), ros2.interface, --namespace and --remap must agree "
+        "with it"};
+  char figures[120];
+  std::snprintf(figures, sizeof figures, ": %llu odometry readings in 1 s, the largest gap %.0f ms",
+                static_cast<unsigned long long>(look.readings), static_cast<double>(look.largest_gap.count()) / 1e6);
+  const double silence_ms = static_cast<double>(config.docking.gate.odometry.max_silence.count()) / 1e6;
+  constexpr std::uint64_t least = 20;
+  if (look.readings < least)
+    return {Verdict::fault, where + figures, "docking needs 20 readings a second or more, better 50: raise its rate"};
+  // Half of what stops the robot leaves no room for a bad moment.
+  if (static_cast<double>(look.largest_gap.count()) / 1e6 > 0.5 * silence_ms)
+    return {Verdict::advice,
+            where + figures + "; a silence of " + std::to_string(std::lround(silence_ms)) + " ms stops the robot",
+            "look for what holds it up: load of either machine, wireless links, a low rate"};
+  return {Verdict::good, where + figures, ""};
 }
 
 Finding check_clock() {
@@ -263,6 +289,10 @@ int doctor(const DoctorOptions& options) {
     if (!options.rig.empty()) config.rig = read_rig(options.rig);
     if (!options.board.empty()) config.board = read_board(options.board);
     if (!options.camera.empty()) config.camera.source = options.camera;
+    if (!options.robot.empty()) config.robot = options.robot;
+    if (options.domain) config.ros2.domain = *options.domain;
+    if (!options.name_space.empty()) config.ros2.name_space = options.name_space;
+    for (const std::string& rule : options.remaps) remap(config.ros2, rule);
     config = parse_config(to_yaml(config), "(configuration)");
     findings.push_back(
         {Verdict::good, options.config.empty() ? "the built-in configuration" : options.config + " is sound", ""});
@@ -316,6 +346,8 @@ void add_doctor(CLI::App& program, Action& action) {
   verb->add_option("--rig", options->rig, "rig file to check");
   verb->add_option("--board", options->board, "board file to check");
   verb->add_option("--camera", options->camera, "sim, gige:127.x.y.z, gige:SERIAL or images:DIR");
+  verb->add_option("--robot", options->robot, "sim, ros2 or none");
+  add_ros2_options(*verb, options->domain, options->name_space, options->remaps);
   verb->add_option("--record", options->record, "folder where recordings would go")->capture_default_str();
   verb->add_flag("--json", options->json, "findings as JSON");
   verb->footer("Exit code 0 when nothing is at fault, 1 otherwise. Nothing is changed and nothing moves.");

@@ -409,4 +409,30 @@ Ros2Robot open_ros2(const Ros2Config& config, const OdometryLimits& limits, stea
           [one] { return one->health(); }};
 }
 
+Ros2Look look_for_ros2(const Ros2Config& config, nanoseconds wait, nanoseconds listen) {
+  const std::string cmd_vel = topic(config, config.topics.cmd_vel);
+  const std::string odom = topic(config, config.topics.odom);
+  ros2::Link link(link_config(config, "tagdock doctor"));
+  Ros2Look look;
+  for (const auto deadline = steady_clock::now() + wait;;) {
+    look.missing = missing(link, config, cmd_vel, odom);
+    if (look.missing.empty() || steady_clock::now() > deadline) break;
+    std::this_thread::sleep_for(milliseconds(20));
+  }
+  if (!look.missing.empty()) return look;
+  const auto odometry = link.subscription<ros2::OdometryMessage>(odom, ros2::Delivery::best_effort, depth);
+  const auto begin = steady_clock::now();
+  std::optional<steady_clock::time_point> last;
+  while (steady_clock::now() - begin < listen) {
+    link.wait(watch_period);
+    const std::size_t came = odometry.take().size();
+    if (came == 0) continue;
+    const auto now = steady_clock::now();
+    if (last) look.largest_gap = std::max<nanoseconds>(look.largest_gap, now - *last);
+    last = now;
+    look.readings += came;
+  }
+  return look;
+}
+
 }  // namespace tagdock

@@ -78,4 +78,15 @@ struct Ros2Robot {
 Ros2Robot open_ros2(const Ros2Config& config, const OdometryLimits& limits,
                     std::chrono::steady_clock::time_point start);
 
+/// What can be told of a robot without taking it over.
+struct Ros2Look {
+  std::string missing;                      ///< why it could not be driven, as a sentence; empty where it could
+  std::uint64_t readings = 0;               ///< odometry messages that came while listening
+  std::chrono::nanoseconds largest_gap{0};  ///< between two of them
+};
+
+/// Looks for the robot and listens to its odometry. Sends nothing and publishes no topic, so that a docking that goes
+/// on elsewhere is not disturbed. Throws Failure as open_ros2, but not for what is missing.
+Ros2Look look_for_ros2(const Ros2Config& config, std::chrono::nanoseconds wait, std::chrono::nanoseconds listen);
+
 }  // namespace tagdock

@@ -37,10 +37,10 @@ struct DriveScenario {
   double angular_acceleration = 0.6;  ///< rad/s^2, largest
   double command_timeout = 0.2;       ///< s; without a newer command the drive stops
   /// m/s^2 of a wheel, when a moving drive has heard nothing for its time-out: then it stops by itself, without dead
-  /// time and lag. A guess, in want of a drive's data sheet: half of what the drive wheels hold on the floor (load share
-  /// times friction times g is 4.1 m/s^2).
+  /// time and lag. A guess, in want of a drive's data sheet: half of what the drive wheels hold on the floor (load
+  /// share times friction times g is 4.1 m/s^2).
   double stop_deceleration = 2.0;
-  double dead_band = 0.0;             ///< m/s at a wheel; a slower command does not move it
+  double dead_band = 0.0;  ///< m/s at a wheel; a slower command does not move it
 
   double mass = 710.0;             ///< kg
   double drive_load_share = 0.60;  ///< of the weight on the two drive wheels, the rest on the four castors

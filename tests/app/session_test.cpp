@@ -1,5 +1,6 @@
 #include "app/session.h"
 
+#include <algorithm>
 #include <atomic>
 #include <fstream>
 #include <future>
@@ -10,6 +11,7 @@
 
 #include <catch2/catch.hpp>
 
+#include "app/cameras/shared_frames.h"
 #include "app/failure.h"
 
 using namespace tagdock;
@@ -219,6 +221,44 @@ TEST_CASE("a live recorder drops frames and counts them instead of waiting for t
   recorder.finish();
   CHECK(recorder.health().frames_written == 1 + room);
   CHECK(read_session(scratch.folder).frames.size() == 1 + room);
+}
+
+TEST_CASE("a recorder that waits for the disk keeps at most four of the camera's places, and records the rest") {
+  // A camera has twelve: three are in its stream, one in each mailbox, one in the loop.
+  const Scratch scratch("session_places");
+  std::atomic<bool> stuck{true};
+  std::atomic<int> out{0};
+  int most = 0;
+  {
+    RecorderOptions options;
+    options.free_space = [&] {  // asked by the writer after the first frame
+      while (stuck) std::this_thread::sleep_for(std::chrono::milliseconds(1));
+      return std::uintmax_t{1} << 40;
+    };
+    stuck = false;
+    SessionRecorder recorder(scratch.folder, "", "", false, options);
+    stuck = true;
+    std::vector<cv::Mat1b> memory;
+    for (std::uint64_t number = 1; number <= 60; ++number) {
+      CameraFrame one = frame(number);
+      memory.push_back(one.frame.gray);
+      ++out;
+      one.frame.gray = lent_picture(memory.back().data, 48, 64, [&out] { --out; });
+      recorder.frame(one);
+      one.frame.gray.release();
+      most = std::max(most, out.load());
+    }
+    stuck = false;
+    recorder.finish();
+    CHECK(recorder.health().frames_dropped == 0);
+  }
+  CHECK(most >= 2);
+  CHECK(most <= 4);
+  CHECK(out == 0);
+  const Session session = read_session(scratch.folder);
+  REQUIRE(session.frames.size() == 60);
+  for (const RecordedFrame& one : session.frames)
+    CHECK(cv::countNonZero(read_frame(one).gray != frame(one.number).frame.gray) == 0);
 }
 
 TEST_CASE("a folder without session.yaml is no session") {
