@@ -71,6 +71,7 @@ void visit(Fields& fields, TagLocatorConfig& locator) {
   std::string method(word(locator.method));
   fields.word("method", method, {"apriltag", "tanh", "filter", "erf", "best"});
   locator.method = *corner_method(method);
+  fields.flag("joint", locator.joint);
   fields.integer("decimate", locator.detector.decimate, 1, 8);
   fields.integer("max_hamming", locator.detector.max_hamming, 0, 2);
   fields.number("border_px", locator.detector.border_px, 0.0, 100.0);

@@ -18,14 +18,6 @@ constexpr double most_blur = 36.0;
 /// them where clipping leaves them undetermined, and is far weaker than any unclipped tag's pixels.
 constexpr double slope_sigma = 300.0;
 
-bool plausible(const A::Vector& p) {
-  const double xx = p[A::blur_xx];
-  const double yy = p[A::blur_yy];
-  return p.allFinite() && xx > least_blur && yy > least_blur && xx < most_blur && yy < most_blur &&
-         xx * yy - p[A::blur_xy] * p[A::blur_xy] > least_blur * least_blur && std::abs(p[A::bleed]) < 0.35 &&
-         p[A::tone] > 0.3 && p[A::tone] < 1.6;
-}
-
 /// Holds the blur where a pixel's box leaves it: without any optics it is 1/12, and edges that fall between pixels tell
 /// no blur at all. True if it had to be held.
 bool hold_blur(A::Vector& p) {
@@ -40,7 +32,23 @@ bool hold_blur(A::Vector& p) {
   return p != before;
 }
 
-Equations equations(const TagImageModel& model, std::vector<TagSample>& samples, const PixelNoise* noise) {
+Eigen::VectorXd reduced(const A::Vector& full, const FreeParameters& free) {
+  Eigen::VectorXd result(static_cast<Eigen::Index>(free.size()));
+  for (Eigen::Index i = 0; i < result.size(); ++i) result[i] = full[free[static_cast<std::size_t>(i)]];
+  return result;
+}
+
+}  // namespace
+
+bool plausible(const A::Vector& p) {
+  const double xx = p[A::blur_xx];
+  const double yy = p[A::blur_yy];
+  return p.allFinite() && xx > least_blur && yy > least_blur && xx < most_blur && yy < most_blur &&
+         xx * yy - p[A::blur_xy] * p[A::blur_xy] > least_blur * least_blur && std::abs(p[A::bleed]) < 0.35 &&
+         p[A::tone] > 0.3 && p[A::tone] < 1.6;
+}
+
+Equations held_equations(const TagImageModel& model, std::vector<TagSample>& samples, const PixelNoise* noise) {
   Equations sum = model.equations(samples, noise);
   for (const int i : {A::white + 1, A::white + 2, A::drop + 1, A::drop + 2}) {
     const double value = model.appearance().value[i];
@@ -50,14 +58,6 @@ Equations equations(const TagImageModel& model, std::vector<TagSample>& samples,
   }
   return sum;
 }
-
-Eigen::VectorXd reduced(const A::Vector& full, const FreeParameters& free) {
-  Eigen::VectorXd result(static_cast<Eigen::Index>(free.size()));
-  for (Eigen::Index i = 0; i < result.size(); ++i) result[i] = full[free[static_cast<std::size_t>(i)]];
-  return result;
-}
-
-}  // namespace
 
 FreeParameters free_parameters(bool bleed, bool tone) {
   FreeParameters free;
@@ -79,7 +79,7 @@ Eigen::MatrixXd reduced(const A::Matrix& full, const FreeParameters& free) {
 PhotometricFit fit_appearance(TagImageModel& model, std::vector<TagSample>& samples, const FreeParameters& free,
                               int max_iterations, double enough, const PixelNoise* noise) {
   PhotometricFit fit;
-  fit.at = equations(model, samples, noise);
+  fit.at = held_equations(model, samples, noise);
   if (!std::isfinite(fit.at.cost)) return fit;
   double lambda = 1e-4;
   int failures = 0;
@@ -107,7 +107,7 @@ PhotometricFit fit_appearance(TagImageModel& model, std::vector<TagSample>& samp
       }
       if (plausible(next.value)) {
         model.set(next);
-        const Equations at = equations(model, samples, nullptr);
+        const Equations at = held_equations(model, samples, nullptr);
         stale = !(at.cost < fit.at.cost);
         if (stale) {
           model.set(last);
@@ -130,7 +130,7 @@ PhotometricFit fit_appearance(TagImageModel& model, std::vector<TagSample>& samp
     if (!better) ++failures;
     lambda *= better ? 0.2 : 8.0;
   }
-  if (stale) fit.at = equations(model, samples, nullptr);
+  if (stale) fit.at = held_equations(model, samples, nullptr);
   return fit;
 }
 

@@ -12,6 +12,13 @@ using FreeParameters = std::vector<int>;
 /// Geometry, light and blur always; ink spread and tone curve if asked for.
 FreeParameters free_parameters(bool bleed, bool tone);
 
+/// Are these values ones that an image of a tag can have?
+bool plausible(const TagAppearance::Vector& value);
+
+/// The model's equations, and what weakly holds the slopes of light.
+Equations held_equations(const TagImageModel& model, std::vector<TagSample>& samples,
+                         const PixelNoise* noise = nullptr);
+
 struct PhotometricFit {
   bool converged = false;
   Equations at;  ///< at the minimum, over all parameters

@@ -11,6 +11,7 @@
 #include <Eigen/Eigenvalues>
 #include <Eigen/LU>
 
+#include "detection/fitted_tag.h"
 #include "detection/lens_patch.h"
 #include "detection/photometric_fit.h"
 #include "detection/photometric_model.h"
@@ -143,6 +144,10 @@ class TagFit {
   [[nodiscard]] const PixelNoise& noise() const { return noise_; }
   [[nodiscard]] std::string terms(bool lens) const;
   [[nodiscard]] double inflation() const { return inflation_; }
+  /// All of it; the fit is spent.
+  [[nodiscard]] FittedTag fitted(const RefinedTag& tag) && {
+    return {tag, region_, std::move(model_), std::move(samples_), std::move(free_), inflation_ * rounding_};
+  }
 
   /// Covariance of the homography's eight parameters.
   [[nodiscard]] std::optional<Eigen::Matrix<double, 8, 8>> covariance();
@@ -168,6 +173,7 @@ class TagFit {
   PhotometricFit fit_;
   FitQuality quality_;
   double inflation_ = 1.0;  ///< of the covariance, by what pixels of one view err together
+  double rounding_ = 1.0;   ///< of the covariance, by what pixels are rounded alike
   double alike_ = 1.0;      ///< pixels that are rounded alike, see rounded_alike
   bool bleed_ = false;
   bool tone_ = false;
@@ -367,7 +373,9 @@ std::optional<Eigen::Matrix<double, 8, 8>> TagFit::covariance() {
   for (Eigen::Index i = 0; i < count; ++i)
     influence.col(free_[static_cast<std::size_t>(i)]) = inverse.block<8, 1>(0, i);
   const RoundedTogether rounded = rounded_together(model_, samples_, influence);
-  Eigen::Matrix<double, 8, 8> all = (1.0 - rounded.share) * sandwich(scatter.pixels) + rounded.covariance;
+  const Eigen::Matrix<double, 8, 8> alone = sandwich(scatter.pixels);
+  const Eigen::Matrix<double, 8, 8> all = (1.0 - rounded.share) * alone + rounded.covariance;
+  rounding_ = (all.diagonal().array() / alone.diagonal().array()).mean();
   // Where the model does not describe the borders, pixels of one view err together, and the scatter of the views' sums
   // exceeds what single pixels make of it. As a factor for all coordinates, since there are too few views for more;
   // fitted parameters have taken their share of it.
@@ -429,10 +437,10 @@ PhotometricExplanation explained(const TagImageModel& model, const TagRegion& re
   return result;
 }
 
-/// Fits, and if `explanation` is given says what the fit sees.
+/// Fits, and if `explanation` is given says what the fit sees; `fitted` gets all of it.
 Refinement fit_tag(const cv::Mat1b& gray, const std::string& family, const TagDetection& coarse,
                    const PhotometricConfig& config, const std::optional<CameraModel>& camera,
-                   PhotometricExplanation* explanation) {
+                   PhotometricExplanation* explanation, std::optional<FittedTag>* fitted = nullptr) {
   const TagPattern pattern = tag_pattern(family, coarse.id);
   for (const Vector2& corner : coarse.corners_px)
     if (!corner.allFinite()) return Unrefined::not_a_quadrilateral;
@@ -493,6 +501,7 @@ Refinement fit_tag(const cv::Mat1b& gray, const std::string& family, const TagDe
     explanation->inflation = fit.inflation();
     explanation->rejected = quality.rejected;
   }
+  if (fitted != nullptr) fitted->emplace(std::move(fit).fitted(refined));
   return refined;
 }
 
@@ -501,6 +510,15 @@ Refinement fit_tag(const cv::Mat1b& gray, const std::string& family, const TagDe
 Refinement refine_photometric(const cv::Mat1b& gray, const std::string& family, const TagDetection& coarse,
                               const PhotometricConfig& config, const std::optional<CameraModel>& camera) {
   return fit_tag(gray, family, coarse, config, camera, nullptr);
+}
+
+std::variant<FittedTag, Unrefined> fit_photometric(const cv::Mat1b& gray, const std::string& family,
+                                                   const TagDetection& coarse, const PhotometricConfig& config,
+                                                   const std::optional<CameraModel>& camera) {
+  std::optional<FittedTag> fitted;
+  const Refinement refined = fit_tag(gray, family, coarse, config, camera, nullptr, &fitted);
+  if (const Unrefined* reason = std::get_if<Unrefined>(&refined)) return *reason;
+  return std::move(fitted.value());
 }
 
 std::variant<PhotometricExplanation, Unrefined> explain_photometric(const cv::Mat1b& gray, const std::string& family,

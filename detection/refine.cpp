@@ -43,7 +43,7 @@ Refinement refine_best(const cv::Mat1b& gray, const std::string& family, const T
                        const std::optional<CameraModel>& camera) {
   Refinement whole = refine_photometric(gray, family, coarse, PhotometricConfig{}, camera);
   const RefinedTag* fitted = std::get_if<RefinedTag>(&whole);
-  if (fitted != nullptr && largest_sigma_px(*fitted) <= library_corner_sigma_px) return whole;
+  if (fitted != nullptr && fine_enough(*fitted)) return whole;
   if (const Unrefined* reason = std::get_if<Unrefined>(&whole))
     if (*reason == Unrefined::left_the_edge || *reason == Unrefined::not_a_quadrilateral ||
         *reason == Unrefined::other_pattern)
@@ -61,6 +61,8 @@ Refinement refine_best(const cv::Mat1b& gray, const std::string& family, const T
 }
 
 }  // namespace
+
+bool fine_enough(const RefinedTag& whole) { return largest_sigma_px(whole) <= library_corner_sigma_px; }
 
 std::optional<CornerMethod> corner_method(const std::string& word) {
   for (const auto& [method, name] : method_words)

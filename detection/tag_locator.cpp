@@ -5,6 +5,7 @@
 #include <stdexcept>
 #include <utility>
 
+#include "detection/board_fit.h"
 #include "detection/tag_following.h"
 #include "planning/pose2.h"
 
@@ -105,11 +106,21 @@ Sighting TagLocator::locate(const Frame& frame, const std::optional<Eigen::Isome
 
   // 2. refinement
   std::vector<RefinedTag> tags;
+  std::vector<FittedTag> fitted;  // for a pose from the pixels
+  const bool joint = config_.joint && config_.method == CornerMethod::best;
   bool unrefined = false;
   for (const TagDetection& detection : detections) {
     if (find_tag(board_, detection.id) == nullptr) continue;
     if (std::any_of(tags.begin(), tags.end(), [&](const RefinedTag& tag) { return tag.id == detection.id; }))
       return Unseen::duplicate_tag;
+    if (joint) {
+      auto whole = fit_photometric(frame.gray, board_.family, detection, PhotometricConfig{}, rig_.camera);
+      if (FittedTag* one = std::get_if<FittedTag>(&whole); one != nullptr && fine_enough(one->tag)) {
+        tags.push_back(one->tag);
+        fitted.push_back(std::move(*one));
+        continue;
+      }
+    }
     Refinement refined = refine(frame.gray, board_.family, detection, config_.method, rig_.camera);
     if (std::holds_alternative<Unrefined>(refined)) {
       unrefined = true;
@@ -119,12 +130,17 @@ Sighting TagLocator::locate(const Frame& frame, const std::optional<Eigen::Isome
   }
 
   // 3. board pose
-  Sighting sighting = board_pose(tags, board_, rig_.camera, ground_prior(rig_, config_), predicted);
+  const std::optional<GroundPrior> prior = ground_prior(rig_, config_);
+  Sighting sighting = board_pose(tags, board_, rig_.camera, prior, predicted);
   if (BoardSighting* seen = std::get_if<BoardSighting>(&sighting)) {
     seen->frame_number = frame.number;
     seen->time = frame.time;
     seen->unrefined = unrefined;
     seen->followed = followed;
+    // 4. board pose from the pixels
+    if (joint)
+      seen->source = fitted.size() == tags.size() ? fit_board(fitted, board_, rig_.camera, prior, *seen)
+                                                  : PoseSource::corners_tag_unfitted;
   }
   return sighting;
 }

@@ -26,9 +26,16 @@ std::string_view word(CornerMethod method);
 Refinement refine(const cv::Mat1b& gray, const std::string& family, const TagDetection& coarse, CornerMethod method,
                   const std::optional<CameraModel>& camera);
 
+/// Is a fit of the whole tag, by its own covariance, finer than the library's corners? Where not, `refine` tries the
+/// sides alone.
+bool fine_enough(const RefinedTag& whole);
+
 struct TagLocatorConfig {
   CornerMethod method = CornerMethod::best;
   TagDetectorConfig detector;
+  /// Fit the board's pose to the pixels of all its tags together instead of to their corners. The corners with their
+  /// covariances hold all that the pixels know of the pose, but for a blur that is common to the tags.
+  bool joint = false;
   bool follow = true;          ///< look for borders where the prediction has them before searching
   double region_margin = 0.5;  ///< the searched region is the predicted board enlarged by this share of its size
   double sigma_roll_deg = 0.1;
@@ -40,7 +47,7 @@ struct TagLocatorConfig {
 GroundPrior ground_prior(const Rig& rig, const TagLocatorConfig& config);
 
 /// The spine of seeing: Frame -> Sighting. Steps, in order: following the prediction or else region and detection;
-/// refinement; board pose.
+/// refinement; board pose; if asked for, the pose again from the pixels of all tags.
 class TagLocator {
  public:
   TagLocator(const Rig& rig, const Board& board, const TagLocatorConfig& config);

@@ -84,32 +84,6 @@ struct Equations {
   double squared_px = 0.0;
 };
 
-/// Roll, pitch and height of the base over the floor of the station, as three measurements of zero.
-void add_prior(const GroundPrior& prior, const Eigen::Isometry3d& T_camera_station, Equations& equations) {
-  // With the station's up direction u and the lens-to-station vector t in the base frame: a base that is rolled and
-  // pitched by small angles sees u = (-pitch, roll, 1), and its origin stands -u . t above the station's floor.
-  const Eigen::Matrix3d R_base_camera = prior.T_base_camera.rotation();
-  const Eigen::Vector3d up_camera = T_camera_station.linear().col(2);
-  const Eigen::Vector3d up_base = R_base_camera * up_camera;
-  // The base's origin in the camera frame.
-  const Eigen::Vector3d base_camera = -(R_base_camera.transpose() * prior.T_base_camera.translation());
-  const Eigen::Vector3d from_station = base_camera - T_camera_station.translation();
-  Eigen::Vector3d residual(up_base.x() / prior.sigma_pitch, up_base.y() / prior.sigma_roll,
-                           up_camera.dot(from_station) / prior.sigma_height);
-  // A small motion on the left: d up = -[up] r, d translation = d - [translation] r.
-  const Eigen::Matrix3d up_by_turn = -skew(up_camera);
-  Eigen::Matrix<double, 3, 6> jacobian = Eigen::Matrix<double, 3, 6>::Zero();
-  jacobian.block<1, 3>(0, 3) = R_base_camera.row(0) * up_by_turn / prior.sigma_pitch;
-  jacobian.block<1, 3>(1, 3) = R_base_camera.row(1) * up_by_turn / prior.sigma_roll;
-  jacobian.block<1, 3>(2, 0) = -up_camera.transpose() / prior.sigma_height;
-  jacobian.block<1, 3>(2, 3) =
-      (from_station.transpose() * up_by_turn + up_camera.transpose() * skew(T_camera_station.translation())) /
-      prior.sigma_height;
-  equations.information += jacobian.transpose() * jacobian;
-  equations.gradient += jacobian.transpose() * residual;
-  equations.cost += residual.squaredNorm();
-}
-
 std::optional<Equations> equations_at(const Eigen::Isometry3d& T_camera_frame, std::span<const Term> terms,
                                       const CameraModel& camera, const std::optional<GroundPrior>& prior) {
   Equations equations;
@@ -140,20 +114,14 @@ std::optional<Equations> equations_at(const Eigen::Isometry3d& T_camera_frame, s
     equations.chi2 += white.squaredNorm();
   }
   equations.cost = equations.chi2;
-  if (prior) add_prior(*prior, T_camera_frame, equations);
+  if (prior) {
+    const PriorEquations ground = ground_equations(*prior, T_camera_frame);
+    equations.information += ground.information;
+    equations.gradient += ground.gradient;
+    equations.cost += ground.cost;
+  }
   if (!std::isfinite(equations.cost) || !equations.information.allFinite()) return std::nullopt;
   return equations;
-}
-
-Eigen::Isometry3d moved(const Vector6& motion, const Eigen::Isometry3d& T_camera_frame) {
-  const Eigen::Vector3d turn = motion.tail<3>();
-  const double angle = turn.norm();
-  Eigen::Isometry3d moved = Eigen::Isometry3d::Identity();
-  if (angle > 0.0) moved.linear() = Eigen::AngleAxisd(angle, turn / angle).toRotationMatrix();
-  moved.translation() = motion.head<3>();
-  moved = moved * T_camera_frame;
-  moved.linear() = Eigen::Quaterniond(moved.linear()).normalized().toRotationMatrix();
-  return moved;
 }
 
 constexpr double first_damping = 1e-4;
@@ -336,6 +304,56 @@ std::string_view word(Unseen reason) {
       return "no_pose";
     case Unseen::layout_mismatch:
       return "layout_mismatch";
+  }
+  return "unknown";
+}
+
+PriorEquations ground_equations(const GroundPrior& prior, const Eigen::Isometry3d& T_camera_station) {
+  // With the station's up direction u and the lens-to-station vector t in the base frame: a base that is rolled and
+  // pitched by small angles sees u = (-pitch, roll, 1), and its origin stands -u . t above the station's floor.
+  const Eigen::Matrix3d R_base_camera = prior.T_base_camera.rotation();
+  const Eigen::Vector3d up_camera = T_camera_station.linear().col(2);
+  const Eigen::Vector3d up_base = R_base_camera * up_camera;
+  // The base's origin in the camera frame.
+  const Eigen::Vector3d base_camera = -(R_base_camera.transpose() * prior.T_base_camera.translation());
+  const Eigen::Vector3d from_station = base_camera - T_camera_station.translation();
+  Eigen::Vector3d residual(up_base.x() / prior.sigma_pitch, up_base.y() / prior.sigma_roll,
+                           up_camera.dot(from_station) / prior.sigma_height);
+  // A small motion on the left: d up = -[up] r, d translation = d - [translation] r.
+  const Eigen::Matrix3d up_by_turn = -skew(up_camera);
+  Eigen::Matrix<double, 3, 6> jacobian = Eigen::Matrix<double, 3, 6>::Zero();
+  jacobian.block<1, 3>(0, 3) = R_base_camera.row(0) * up_by_turn / prior.sigma_pitch;
+  jacobian.block<1, 3>(1, 3) = R_base_camera.row(1) * up_by_turn / prior.sigma_roll;
+  jacobian.block<1, 3>(2, 0) = -up_camera.transpose() / prior.sigma_height;
+  jacobian.block<1, 3>(2, 3) =
+      (from_station.transpose() * up_by_turn + up_camera.transpose() * skew(T_camera_station.translation())) /
+      prior.sigma_height;
+  return {jacobian.transpose() * jacobian, jacobian.transpose() * residual, residual.squaredNorm()};
+}
+
+Eigen::Isometry3d moved(const Vector6& motion, const Eigen::Isometry3d& T_camera_frame) {
+  const Eigen::Vector3d turn = motion.tail<3>();
+  const double angle = turn.norm();
+  Eigen::Isometry3d moved = Eigen::Isometry3d::Identity();
+  if (angle > 0.0) moved.linear() = Eigen::AngleAxisd(angle, turn / angle).toRotationMatrix();
+  moved.translation() = motion.head<3>();
+  moved = moved * T_camera_frame;
+  moved.linear() = Eigen::Quaterniond(moved.linear()).normalized().toRotationMatrix();
+  return moved;
+}
+
+std::string_view word(PoseSource source) {
+  switch (source) {
+    case PoseSource::corners:
+      return "corners";
+    case PoseSource::pixels:
+      return "pixels";
+    case PoseSource::corners_contradict_board:
+      return "corners_contradict_board";
+    case PoseSource::corners_tag_unfitted:
+      return "corners_tag_unfitted";
+    case PoseSource::corners_pixels_unsettled:
+      return "corners_pixels_unsettled";
   }
   return "unknown";
 }

@@ -44,6 +44,28 @@ struct GroundPrior {
   double sigma_height = 0.002;  ///< [m]
 };
 
+/// Roll, pitch and height of the base over the station's floor, as three measurements of zero: their part of the normal
+/// equations of T_camera_station, by a small motion on its left.
+struct PriorEquations {
+  Matrix6 information = Matrix6::Zero();
+  Eigen::Matrix<double, 6, 1> gradient = Eigen::Matrix<double, 6, 1>::Zero();
+  double cost = 0.0;
+};
+PriorEquations ground_equations(const GroundPrior& prior, const Eigen::Isometry3d& T_camera_station);
+
+/// A pose after a small motion [x y z rx ry rz] on its left.
+Eigen::Isometry3d moved(const Eigen::Matrix<double, 6, 1>& motion, const Eigen::Isometry3d& T_camera_frame);
+
+/// What a board's pose was fitted to, and if not to the pixels of all tags together, why not.
+enum class PoseSource {
+  corners,                   ///< the tags' corners under their covariances; no more was asked for
+  pixels,                    ///< the pixels of all tags
+  corners_contradict_board,  ///< the corners: they do not stand to each other as on the board, beyond chance
+  corners_tag_unfitted,      ///< the corners: some tag could not be fitted as a whole
+  corners_pixels_unsettled   ///< the corners: the fit to the pixels reached no minimum
+};
+std::string_view word(PoseSource source);
+
 /// Where a board is, from one frame.
 struct BoardSighting {
   std::uint64_t frame_number = 0;
@@ -59,6 +81,7 @@ struct BoardSighting {
   std::vector<RefinedTag> tags;                                ///< what it was made from, by id
   bool unrefined = false;  ///< some tag had to be used with the detector's own corners
   bool followed = false;   ///< the tags were found from the predicted pose, without searching the image
+  PoseSource source = PoseSource::corners;
 };
 
 /// Why a frame gave no pose.

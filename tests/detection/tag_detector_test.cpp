@@ -4,6 +4,7 @@
 
 #include <catch2/catch.hpp>
 
+#include "detection/tag_locator.h"
 #include "planning/pose2.h"
 #include "tests/detection/scene_rendering.h"
 
@@ -147,20 +148,53 @@ TEST_CASE("images of any size, stride and content are borne") {
   CHECK(TagDetector(with("tag36h11", 4)).detect(cv::Mat1b(8192, 8192, uchar{0})).empty());
 }
 
+TEST_CASE("an image of 8192 by 8192 pixels is borne by every family") {
+  const std::string family = GENERATE(as<std::string>(), "tag25h9", "tag16h5", "tagStandard41h12", "tagStandard52h13",
+                                      "tagCircle21h7", "tagCircle49h12");
+  CAPTURE(family);
+  TagDetectorConfig config = with(family, 4);
+  config.max_hamming = 0;
+  std::mt19937_64 random(18);
+  Scene scene;
+  scene.family = family;
+  scene.id = 2;
+  scene.T_camera_tag = pose_seen(scene.camera, scene.size, 120.0, {160.0, 160.0}, 0.2, 1.0, 0.4);
+  cv::Mat1b wall(8192, 8192, uchar{120});
+  digitised(render(scene).grey, 1.0, random).copyTo(wall(cv::Rect(7000, 6500, 320, 320)));
+  const auto found = TagDetector(config).detect(wall);
+  REQUIRE(found.size() == 1);
+  CHECK(found[0].id == 2);
+}
+
 TEST_CASE("rows that are farther apart than they are long change nothing") {
+  const std::string family = GENERATE(as<std::string>(), "tag36h11", "tag25h9", "tag16h5", "tagStandard41h12",
+                                      "tagStandard52h13", "tagCircle21h7", "tagCircle49h12");
+  CAPTURE(family);
   std::mt19937_64 random(16);
   Scene scene;
+  scene.family = family;
+  scene.id = 4;
   scene.T_camera_tag = pose_seen(scene.camera, scene.size, 80.0, {160.0, 160.0}, 0.3, 1.0, 0.4);
   const cv::Mat1b gray = digitised(render(scene).grey, 1.0, random);
   cv::Mat1b wide(320, 500, uchar{77});
   cv::Mat1b inset = wide(cv::Rect(90, 0, 320, 320));
   gray.copyTo(inset);
-  const TagDetector detector(with("tag36h11", 2));
+  TagDetectorConfig config = with(family, 2);
+  config.max_hamming = 0;
+  const TagDetector detector(config);
   const auto plain = detector.detect(gray);
   const auto strided = detector.detect(inset);
   REQUIRE(plain.size() == 1);
   REQUIRE(strided.size() == 1);
   CHECK(plain[0].corners_px == strided[0].corners_px);
+  for (const CornerMethod method : {CornerMethod::tanh, CornerMethod::filter, CornerMethod::erf, CornerMethod::best}) {
+    CAPTURE(word(method));
+    const auto fine = refine(gray, family, plain[0], method, std::nullopt);
+    const auto fine_strided = refine(inset, family, strided[0], method, std::nullopt);
+    REQUIRE(std::holds_alternative<RefinedTag>(fine));
+    REQUIRE(std::holds_alternative<RefinedTag>(fine_strided));
+    CHECK(std::get<RefinedTag>(fine).corners_px == std::get<RefinedTag>(fine_strided).corners_px);
+  }
 }
 
 TEST_CASE("a wrong set-up is refused by a sentence") {

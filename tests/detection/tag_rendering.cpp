@@ -154,6 +154,13 @@ std::vector<Patch> print(const Scene& scene) {
   return patches;
 }
 
+/// Grey value without noise, not rounded.
+double toned(double light, const Sensor& sensor, ToneCurve curve) {
+  const double share = std::max(light, 0.0) / 255.0;
+  if (curve != nullptr) return 255.0 * curve(share);
+  return sensor.tone == 1.0 ? light : 255.0 * std::pow(share, sensor.tone);
+}
+
 /// Weight of fine cells by their distance from a pixel's centre: Gaussian times the box, by quadrature of the Gaussian
 /// (its variance less the fine cell's own).
 std::vector<double> kernel(double sigma, int fine) {
@@ -250,7 +257,49 @@ cv::Mat1d light(const Scene& scene) {
   return image;
 }
 
-cv::Mat1b expose(const cv::Mat1d& light, const Sensor& sensor) {
+double srgb(double share) { return share <= 0.0031308 ? 12.92 * share : 1.055 * std::pow(share, 1.0 / 2.4) - 0.055; }
+
+double rec709(double share) { return share < 0.018 ? 4.5 * share : 1.099 * std::pow(share, 0.45) - 0.099; }
+
+cv::Mat1d traced_light(const Scene& scene, int rays, double disc_px, std::uint64_t seed) {
+  std::mt19937_64 random(seed);
+  const Eigen::Matrix3d tag_by_image = scene.image_by_tag.inverse();
+  const double middle = 0.5 * scene.pattern.cells;
+  // Even places of the lens: Shirley and Chiu's concentric map of a grid, dealt out anew to every pixel's rays.
+  std::vector<Vector2d> lens;
+  for (int i = 0; i < rays; ++i)
+    for (int j = 0; j < rays; ++j) {
+      const double a = 2.0 * (i + 0.5) / rays - 1.0;
+      const double b = 2.0 * (j + 0.5) / rays - 1.0;
+      const bool wide = std::abs(a) > std::abs(b);
+      const double radius = disc_px * (wide ? a : b);
+      const double turn = 0.25 * std::numbers::pi * (wide ? b / a : 2.0 - (b == 0.0 ? 0.0 : a / b));
+      lens.emplace_back(radius * std::cos(turn), radius * std::sin(turn));
+    }
+  cv::Mat1d image(scene.height, scene.width);
+  for (int row = 0; row < image.rows; ++row)
+    for (int column = 0; column < image.cols; ++column) {
+      if (disc_px > 0.0) std::shuffle(lens.begin(), lens.end(), random);
+      double sum = 0.0;
+      for (int i = 0; i < rays; ++i)
+        for (int j = 0; j < rays; ++j) {
+          const Vector2d pixel = Vector2d(column - 0.5 + (i + 0.5) / rays, row - 0.5 + (j + 0.5) / rays) +
+                                 lens[static_cast<std::size_t>(i * rays + j)];
+          const Vector2d place = (tag_by_image * pixel.homogeneous()).hnormalized().array() + middle;
+          const int u = static_cast<int>(std::floor(place.x()));
+          const int v = static_cast<int>(std::floor(place.y()));
+          const bool outside = u < 0 || v < 0 || u >= scene.pattern.cells || v >= scene.pattern.cells;
+          const auto cell = outside ? TagPattern::unknown : scene.pattern.at(u, v);
+          sum += cell == TagPattern::unknown ? scene.surroundings
+                 : cell == TagPattern::black ? scene.black
+                                             : scene.white;
+        }
+      image(row, column) = sum / (rays * rays);
+    }
+  return image;
+}
+
+cv::Mat1b expose(const cv::Mat1d& light, const Sensor& sensor, ToneCurve curve) {
   std::mt19937_64 random(sensor.seed);
   std::normal_distribution<double> normal;
   cv::Mat1b image(light.rows, light.cols);
@@ -258,7 +307,7 @@ cv::Mat1b expose(const cv::Mat1d& light, const Sensor& sensor) {
     for (int column = 0; column < light.cols; ++column) {
       double level = light(row, column);
       level += normal(random) * std::sqrt(sensor.read_noise * sensor.read_noise + sensor.gain * std::max(level, 0.0));
-      if (sensor.tone != 1.0) level = 255.0 * std::pow(std::max(level, 0.0) / 255.0, sensor.tone);
+      level = toned(level, sensor, curve);
       image(row, column) = static_cast<unsigned char>(std::clamp(std::lround(level), 0L, 255L));
     }
   return image;
@@ -312,7 +361,7 @@ Eigen::Matrix3d image_by_corners(const TagPattern& pattern, const Corners& px) {
   return result;
 }
 
-Eigen::Matrix<double, 8, 8> corner_information(const Scene& scene, const Sensor& sensor) {
+Eigen::Matrix<double, 8, 8> corner_information(const Scene& scene, const Sensor& sensor, ToneCurve curve) {
   const cv::Mat1d middle = light(scene);
   const Corners seen = true_corners(scene);
   const auto undistorted = [&](const Vector2d& pixel) -> Vector2d {
@@ -355,12 +404,8 @@ Eigen::Matrix<double, 8, 8> corner_information(const Scene& scene, const Sensor&
     for (int column = 0; column < middle.cols; ++column) {
       if (beyond(row, column) - middle(row, column) > 0.02) continue;
       const double level = middle(row, column);
-      double by_light = 1.0;
-      double grey = level;
-      if (sensor.tone != 1.0) {
-        grey = 255.0 * std::pow(std::max(level, 1e-3) / 255.0, sensor.tone);
-        by_light = sensor.tone * grey / std::max(level, 1e-3);
-      }
+      const double grey = toned(level, sensor, curve);
+      const double by_light = (toned(level + 0.01, sensor, curve) - toned(level - 0.01, sensor, curve)) / 0.02;
       if (grey < 0.5 || grey > 254.5) continue;
       const double variance =
           (sensor.read_noise * sensor.read_noise + sensor.gain * std::max(level, 0.0)) * by_light * by_light +

@@ -41,6 +41,13 @@ struct Sensor {
   std::uint64_t seed = 1;
 };
 
+/// Tone curve in the place of the sensor's power: share of the range by share of light.
+using ToneCurve = double (*)(double);
+
+/// The curves of the sRGB and Rec. 709 standards.
+double srgb(double share);
+double rec709(double share);
+
 /// Where the black square's corners truly are [px].
 Corners true_corners(const Scene& scene);
 
@@ -48,8 +55,12 @@ Corners true_corners(const Scene& scene);
 /// Gaussian times the pixel's box.
 cv::Mat1d light(const Scene& scene);
 
+/// The same scene as programs that trace rays make it: so many rays a pixel in both directions, each through another
+/// place of a lens whose circle of confusion has the radius `disc_px`; no Gaussian, no exact areas, no light slope.
+cv::Mat1d traced_light(const Scene& scene, int rays, double disc_px, std::uint64_t seed);
+
 /// Noise, tone curve, clipping and rounding.
-cv::Mat1b expose(const cv::Mat1d& light, const Sensor& sensor);
+cv::Mat1b expose(const cv::Mat1d& light, const Sensor& sensor, ToneCurve curve = nullptr);
 
 /// A tag whose mean side has `side_px`, seen by a camera of focal length `focal_px`.
 /// @param tilt, tilt_axis, roll  [rad]; the axis lies in the image plane
@@ -63,6 +74,6 @@ Eigen::Matrix3d image_by_corners(const TagPattern& pattern, const Corners& undis
 /// Standard deviation per corner coordinate that no unbiased method can undercut, as an information matrix of the eight
 /// coordinates with white, black, blur and two slopes unknown.
 /// Source: notes on detection, section 7.
-Eigen::Matrix<double, 8, 8> corner_information(const Scene& scene, const Sensor& sensor);
+Eigen::Matrix<double, 8, 8> corner_information(const Scene& scene, const Sensor& sensor, ToneCurve curve = nullptr);
 
 }  // namespace tagdock::rendering
