@@ -66,6 +66,12 @@ void say_hand_eye(const HandEyeProblem& problem, const HandEyeResult& result) {
           1000.0 * std::sqrt(result.covariance(8, 8)) / result.odometry.track);
   print("noise against what was stated: corners %.2f, %s %.2f", result.corner_scale,
         problem.by_wheels ? "wheels" : "tracker", result.motion_scale);
+  if (problem.camera_covariance.isZero(0.0))
+    out << "the camera is taken as exact; give --camera with the file of `calibrate intrinsics` to count what it is "
+           "unsure of\n";
+  else
+    print("of this the camera's own uncertainty makes %.3f mm and %.4f deg", 1000.0 * result.camera_xy_sigma,
+          degrees(result.camera_rotation_sigma));
   if (result.visp.solved)
     print("ViSP's hand-eye solution differs by %.2f mm in the plane",
           1000.0 * (result.visp.T_base_camera.translation() - t).head<2>().norm());
@@ -171,19 +177,9 @@ int intrinsics(const IntrinsicsOptions& options) {
   const IntrinsicsConfig config = config_of(options);
   for (const std::string& format : options.formats) (void)camera_extension(format);  // wrong words are told at once
   const CalibrationTarget target = read_target(options.target);
-  const bool free_tags = target.type == CalibrationTarget::Type::taggrid || target.type == CalibrationTarget::Type::tag;
-  ImageViews found = find_in_folder(options.images, target);
-  IntrinsicsResult result;
-  try {
-    result = calibrate_intrinsics(found.views, found.width, found.height, config);
-    if (free_tags && result.corners.size() > 50) {
-      // Whole tags are fitted through the lens, which is known only now.
-      found = find_in_folder(options.images, target, result.camera);
-      result = calibrate_intrinsics(found.views, found.width, found.height, config);
-    }
-  } catch (const std::invalid_argument& error) {
-    throw Failure(ExitCode::calibration_refused, options.images + ": " + error.what());
-  }
+  FolderCalibration made = calibrate_from_folder(options.images, target, config);
+  const ImageViews& found = made.views;
+  IntrinsicsResult& result = made.result;
   if (!result.complaints.empty()) {
     std::vector<Eigen::Vector3d> points;
     const TargetLayout layout = layouts_of(target).front();
@@ -211,7 +207,11 @@ int hand_eye(const HandEyeOptions& options) {
                                        ": must be above 0 and at most 1 m");
   HandEyeProblem problem = read_hand_eye_dataset(options.dataset);
   problem.leave_out_frontal = options.leave_out_frontal;
-  if (!options.camera.empty()) problem.camera = CameraFile::load(options.camera).camera();
+  if (!options.camera.empty()) {
+    const CameraFile camera = CameraFile::load(options.camera);
+    problem.camera = camera.camera();
+    problem.camera_covariance = camera.covariance();
+  }
   if (options.has_height) problem.camera_height = Measured{options.camera_height, options.camera_height_sigma};
   HandEyeResult result;
   try {
@@ -307,13 +307,22 @@ int target(TargetOptions options) {
 }
 
 const char* const hand_eye_details =
-    "DIR holds corners.csv (stop,id,u,v), board_points.csv (id,x,y,z), problem.yaml and tracker.csv or odometry.csv.\n"
+    "DIR holds corners.csv (stop,id,u,v; with several frames of a stop frame, too, and if known sigma_px), "
+    "board_points.csv (id,x,y,z), problem.yaml and tracker.csv or odometry.csv.\n"
     "The result file has camera, T_base_cam, odometry (with wheels), T_base_cam_sigma {xy_mm per axis, z_mm, rot_deg "
     "of\n"
     "the whole angle}, unobservable, rejected_views, verdict (good or refused), quality, and T_base_cam_covariance\n"
     "(x y z roll pitch yaw and, with wheels, r_left r_right track; m, rad). --json writes the same to stdout.\n"
     "Views of a single tag from within 25 degrees of its normal are left out of start values (the paper's cone) if 8\n"
     "others remain; --leave-out-frontal leaves them out of the solution, too. quality.stops marks them.\n"
+    "height_known says whether `dock` may lean on the height in T_base_cam: without --camera-height or a surveyed "
+    "board it\n"
+    "is an arbitrary number, and `dock` refuses the rig.\n"
+    "Good stops: 25 to 60 degrees to both sides of the board, 1.2 to 1.8 m away, turned so that the board stands left "
+    "and\n"
+    "right in the picture by turns, ten frames each. For wheels forty: from 50 degrees on one side to the other and "
+    "back,\n"
+    "1.25 and 2.75 m away by turns, at each place one stop with the board left and one with it right in the picture.\n"
     "Exit code 7: refused; the file is written with what is known, and `tagdock dock` will not take it.";
 
 const char* const intrinsics_details =
@@ -389,7 +398,9 @@ void add_calibrate(CLI::App& program, Action& action) {
   CLI::App* step = verb->add_subcommand("hand-eye", "the camera's pose on the base, and the wheels, from stops");
   step->add_option("--dataset", hand->dataset, "folder with the stops")->required();
   step->add_option("--output", hand->output, "rig file to write")->required();
-  step->add_option("--camera", hand->camera, "camera file that replaces the one in problem.yaml");
+  step->add_option("--camera", hand->camera,
+                   "camera file that replaces the one in problem.yaml; the covariance that `calibrate "
+                   "intrinsics`\nwrote into it is counted in the result");
   const auto* height =
       step->add_option("--camera-height", hand->camera_height, "height of the lens above the floor, by tape [m]");
   step->add_option("--camera-height-sigma", hand->camera_height_sigma, "how sure that is [m]")->capture_default_str();

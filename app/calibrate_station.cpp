@@ -14,8 +14,6 @@
 #include <stdexcept>
 #include <thread>
 
-#include <opencv2/imgcodecs.hpp>
-
 #include "app/calibration_images.h"
 #include "app/calibration_report.h"
 #include "app/calibration_result.h"
@@ -25,10 +23,12 @@
 #include "app/failure.h"
 #include "app/hand_eye_dataset.h"
 #include "app/image_file.h"
+#include "app/png_file.h"
 #include "app/printed_target.h"
 #include "app/rig_file.h"
 #include "app/stop_signal.h"
 #include "app/target_file.h"
+#include "app/view.h"
 #include "calibration/rig_check.h"
 #include "calibration/station_survey.h"
 #include "calibration/wizard.h"
@@ -66,7 +66,47 @@ struct WizardOptions {
   double measured_x_mm = 0.0;
   double measured_y_mm = 0.0;
   int seconds = 600;
+  bool view = false;
 };
+
+/// What the window shows: the corners that were found, where the board should go, and the same sentence as the
+/// terminal.
+ViewContent content_of(const cv::Mat1b& gray, const WizardState& state, const std::string& sentence) {
+  ViewContent content;
+  content.gray = gray;
+  if (state.last)
+    for (const SeenPoint& seen : state.last->corners) content.points.push_back(seen.pixel);
+  if (state.result && !state.wishes.empty() && !state.finished) {
+    Eigen::AlignedBox2d box;
+    for (const Eigen::Vector3d& point : state.board) box.extend(Eigen::Vector2d(point.head<2>()));
+    const Eigen::Vector2d rim[] = {
+        box.min(), {box.max().x(), box.min().y()}, box.max(), {box.min().x(), box.max().y()}};
+    Corners outline;
+    bool before = true;
+    for (std::size_t i = 0; i < outline.size(); ++i) {
+      const Eigen::Vector3d at = state.wishes.front().T_camera_board * Eigen::Vector3d(rim[i].x(), rim[i].y(), 0.0);
+      before = before && at.z() > 0.05;
+      if (before) outline[i] = project(state.result->camera, at);
+    }
+    if (before) content.target.push_back(outline);
+  }
+  content.lines = {std::to_string(state.kept.size()) + " views kept" +
+                   (state.result && std::isfinite(state.result->sigma_max_px)
+                        ? line_of("; known to %.2f px at worst", state.result->sigma_max_px)
+                        : "")};
+  // A line of the window holds about a hundred letters.
+  constexpr std::size_t most = 100;
+  for (std::size_t at = 0; at < sentence.size();) {
+    std::size_t length = sentence.size() - at;
+    if (length > most) {
+      const std::size_t space = sentence.rfind(' ', at + most);
+      length = space == std::string::npos || space <= at ? most : space - at;
+    }
+    content.lines.push_back(sentence.substr(at, length));
+    at += length + (at + length < sentence.size() && sentence[at + length] == ' ' ? 1 : 0);
+  }
+  return content;
+}
 
 /// Asks for a length that was measured along a ruler of 100 mm; an empty answer keeps what is known.
 double asked_length(const char* axis, double known_share) {
@@ -109,6 +149,7 @@ int wizard(const WizardOptions& options) {
   const TargetLayout layout = layouts_of(target).front();
   for (const TargetLayout::Corner& corner : layout.corners) state.board.push_back(corner.point);
   const TargetFinder finder(target);
+  std::unique_ptr<View> window;
   const auto offer = [&](const std::string& name, const cv::Mat1b& gray, bool forced) {
     if (state.width == 0) {
       state.width = gray.cols;
@@ -120,6 +161,10 @@ int wizard(const WizardOptions& options) {
     WizardStep made = step(state, view_of(name, finder.find(gray)), config, forced);
     state = std::move(made.next);
     if (!made.sentence.empty()) std::cerr << made.sentence << "\n";
+    if (options.view) {
+      if (!window) window = std::make_unique<View>("tagdock calibrate", gray.cols, gray.rows);
+      window->show(content_of(gray, state, made.sentence.empty() ? advice(state, config) : made.sentence));
+    }
     return made.keep;
   };
   // A session that was broken off goes on: every view was kept as a picture.
@@ -155,21 +200,20 @@ int wizard(const WizardOptions& options) {
       }
       const std::string name = line_of("view%06llu.png", static_cast<unsigned long long>(state.kept.size()));
       if (!offer(name, frame->frame.gray, !live)) continue;
-      if (!cv::imwrite((folder / name).string(), frame->frame.gray))
-        throw Failure(ExitCode::usage, "--session " + options.session + ": " + name + " cannot be written");
+      const std::vector<std::uint8_t> png = png_of(frame->frame.gray, "");
+      write_whole(folder / name, std::string(png.begin(), png.end()));  // whole or not there, however this ends
     }
     if (stop.requested()) {
       std::cerr << "stopped; the same command goes on from here\n";
       return static_cast<int>(ExitCode::interrupted);
     }
   }
-  IntrinsicsResult result;
-  try {
-    result = calibrate_intrinsics(state.kept, state.width, state.height);
-  } catch (const std::invalid_argument& refused) {
-    throw Failure(ExitCode::calibration_refused, refused.what());
-  }
-  write_result(options.output, intrinsics_block(result, {}));
+  if (state.kept.empty()) throw Failure(ExitCode::calibration_refused, "no picture was kept that shows the board");
+  // From the pictures that were kept, as `calibrate intrinsics` would: now that the lens is known, corners are fitted
+  // through it.
+  const FolderCalibration made = calibrate_from_folder(folder, target, IntrinsicsConfig{});
+  const IntrinsicsResult& result = made.result;
+  write_result(options.output, intrinsics_block(result, made.views.unreadable));
   const Report report = intrinsics_report(result, 2.0);
   write_whole(folder / "report.html", to_html(report));
   to_pdf(report, folder / "report.pdf");
@@ -340,6 +384,8 @@ void add_calibrate_station(CLI::App& verb, Action& action) {
   walk->add_option("--measured-x", options->measured_x_mm,
                    "the x ruler of 100 mm as measured [mm]; asked if not given");
   walk->add_option("--measured-y", options->measured_y_mm, "the y ruler of 100 mm as measured [mm]");
+  walk->add_flag("--view", options->view,
+                 "a window with the picture, the corners found and where to hold the board next");
   walk->add_option("--seconds", options->seconds, "give up a live camera after this time")->capture_default_str();
   walk->callback([options, &action] { action = [options] { return wizard(*options); }; });
 

@@ -252,7 +252,7 @@ Report intrinsics_report(const IntrinsicsResult& result, double working_distance
               "lens or board that is wrong shows here, not in the residuals.",
               result.halves_px, result.halves_expected_px));
   report.sentences.push_back(text_of("The board is bowed by %.2f mm, and its print is %.3f permille wider than high.",
-                                     1000.0 * result.board.bow(), 1000.0 * result.board.value.back()));
+                                     1000.0 * result.board.bow(), 1000.0 * result.board.value[BoardShape::stretch]));
   report.sentences.push_back(text_of(
       "fx %.3f, fy %.3f, cx %.3f, cy %.3f; k1 %.6f, k2 %.6f, p1 %.6f, p2 %.6f, k3 %.6f, k4 %.6f, k5 %.6f, k6 %.6f.",
       result.camera.fx, result.camera.fy, result.camera.cx, result.camera.cy, result.camera.k1, result.camera.k2,

@@ -1,5 +1,6 @@
 #include "app/calibration_result.h"
 
+#include <algorithm>
 #include <cmath>
 #include <cstdlib>
 #include <fstream>
@@ -84,6 +85,9 @@ Json hand_eye_block(const HandEyeProblem& problem, const HandEyeResult& result) 
     block["unobservable"].push_back(open.word);
     cures.push_back({{"direction", open.word}, {"cure", open.cure}});
   }
+  // What `dock` may lean on: a height that the drive left open is no measurement.
+  block["height_known"] = std::none_of(result.unobservable.begin(), result.unobservable.end(),
+                                       [](const Unobservable& open) { return open.word == "height"; });
   block["rejected_views"] = Json::array();
   Json stops = Json::array();
   for (const StopResidual& stop : result.stops) {
@@ -114,6 +118,9 @@ Json hand_eye_block(const HandEyeProblem& problem, const HandEyeResult& result) 
                                  {"r_right", std::sqrt(result.covariance(7, 7))},
                                  {"track", std::sqrt(result.covariance(8, 8))}};
   }
+  quality["of_camera"] = {{"known", !problem.camera_covariance.isZero(0.0)},
+                          {"xy_mm", 1000.0 * result.camera_xy_sigma},
+                          {"rot_deg", degrees(result.camera_rotation_sigma)}};
   quality["heading_spread_deg"] = degrees(result.heading_spread);
   quality["travel"] = result.travel;
   quality["posterior_over_prior"] = result.direction_ratios;
@@ -170,10 +177,12 @@ Json intrinsics_block(const IntrinsicsResult& result, const std::vector<std::str
   quality["ladder"] = ladder;
   quality["rms_px"] = result.rms_px;
   quality["corner_noise_over_fit"] = result.noise_scale;
+  quality["neighbours_agree"] = result.neighbours_agree;
+  quality["systematic_px"] = result.systematic_px;
   quality["halves_differ_px"] = result.halves_px;
   quality["halves_expected_px"] = result.halves_expected_px;
   quality["board_bow_mm"] = 1000.0 * result.board.bow();
-  quality["board_x_over_y"] = 1.0 + result.board.value.back();
+  quality["board_x_over_y"] = 1.0 + result.board.value[BoardShape::stretch];
   quality["unreadable"] = unreadable;
   quality["views"] = views;
   block["quality"] = quality;

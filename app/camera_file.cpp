@@ -119,6 +119,7 @@ std::optional<std::string> first_known(YamlMap& map, std::initializer_list<const
 struct Read {
   CameraModel camera;
   Refuse refuse_size;
+  Eigen::Matrix<double, 12, 12> covariance = Eigen::Matrix<double, 12, 12>::Zero();
 };
 
 Read from_ros(YamlMap& map) {
@@ -191,7 +192,17 @@ Read from_rig(YamlMap& file) {
   camera.cx = map.number("cx", -1e9, 1e9);
   camera.cy = map.number("cy", -1e9, 1e9);
   set_distortion(camera, map.numbers("dist", 0, 8), refusal(map, "dist"));
-  return {sound(camera, refusal(map, "fx")), refusal(map, "width")};
+  Read read{sound(camera, refusal(map, "fx")), refusal(map, "width")};
+  if (file.has("camera_covariance")) {
+    const std::vector<double> values = file.numbers("camera_covariance", 144, 144);
+    read.covariance = Eigen::Map<const Eigen::Matrix<double, 12, 12>>(values.data());
+    if (!read.covariance.allFinite() ||
+        (read.covariance - read.covariance.transpose()).norm() > 1e-6 * read.covariance.norm() ||
+        (read.covariance.diagonal().array() < 0.0).any())
+      file.refuse("camera_covariance",
+                  "is no covariance: it must be finite, symmetric, and not negative on its diagonal");
+  }
+  return read;
 }
 
 Read from_yaml(const std::string& text, const std::string& name) {
@@ -481,7 +492,9 @@ CameraFile CameraFile::parse(const std::string& text, const std::string& name) {
     read = from_mrcal(text, name);
   else
     read = from_yaml(text, name);
-  return CameraFile(read.camera, read.refuse_size);
+  CameraFile file(read.camera, read.refuse_size);
+  file.covariance_ = read.covariance;
+  return file;
 }
 
 void CameraFile::require_size(int width, int height, const std::string& image) const {

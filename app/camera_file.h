@@ -20,6 +20,9 @@ class CameraFile {
 
   [[nodiscard]] const CameraModel& camera() const { return camera_; }
 
+  /// Of fx fy cx cy k1 k2 p1 p2 k3 k4 k5 k6, where `calibrate intrinsics` wrote it; zero for any other file.
+  [[nodiscard]] const Eigen::Matrix<double, 12, 12>& covariance() const { return covariance_; }
+
   /// Throws Failure(usage) with file, line and key if the image has another size than the camera.
   void require_size(int width, int height, const std::string& image) const;
 
@@ -28,6 +31,7 @@ class CameraFile {
   CameraFile(const CameraModel& camera, Refuse refuse_size);
 
   CameraModel camera_;
+  Eigen::Matrix<double, 12, 12> covariance_ = Eigen::Matrix<double, 12, 12>::Zero();
   Refuse refuse_size_;  ///< throws with the place of the size's key before the sentence
 };
 

@@ -1,6 +1,9 @@
 #include "app/hand_eye_dataset.h"
 
+#include <array>
 #include <map>
+#include <optional>
+#include <set>
 #include <stdexcept>
 
 #include "app/csv_table.h"
@@ -45,14 +48,20 @@ void read_corners(const std::filesystem::path& file, const std::map<int, Eigen::
   const std::size_t id = table.column("id");
   const std::size_t u = table.column("u");
   const std::size_t v = table.column("v");
+  const bool frames = table.has("frame");
+  std::set<std::array<int, 3>> known;
   for (std::size_t row = 0; row < table.rows(); ++row) {
     const auto point = points.find(table.integer(row, id));
     if (point == points.end())
       table.refuse(row, "id " + std::to_string(table.integer(row, id)) + " is not in board_points.csv");
     HandEyeStop& seen = stops[table.integer(row, stop)];
-    for (const SeenPoint& before : seen.corners)
-      if (before.id == point->first) table.refuse(row, "this corner of this stop was given before");
-    seen.corners.push_back({point->first, point->second, {table.number(row, u), table.number(row, v)}, sigma_px});
+    if (!known.insert({table.integer(row, stop), frames ? table.integer(row, table.column("frame")) : 0, point->first})
+             .second)
+      table.refuse(row, std::string("this corner of this stop was given before") +
+                            (frames ? " in this frame" : "; several frames of a stop need the column frame"));
+    const double own = table.number(row, "sigma_px").value_or(sigma_px);
+    if (!(own > 0.0)) table.refuse(row, "sigma_px is not positive");
+    seen.corners.push_back({point->first, point->second, {table.number(row, u), table.number(row, v)}, own});
   }
 }
 

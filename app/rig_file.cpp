@@ -88,6 +88,13 @@ Rig read_rig(const std::filesystem::path& file) {
   // Measured against a tracker, a rig has no wheels: `calibrate` leaves them out and tells its uncertainty.
   if (!map.has("T_base_cam_sigma") && !map.has("T_base_cam_covariance")) need(map, {"odometry"});
   if (map.has("odometry")) need(map.map("odometry"), {"r_left", "r_right", "track"});
+  bool height_known = true;
+  map.read("height_known", height_known);
+  if (!height_known)
+    map.refuse(
+        "height_known",
+        "is false: a planar drive leaves the lens' height open, so the one in T_base_cam is an arbitrary number; "
+        "measure it above the floor by tape and give it to `tagdock calibrate hand-eye --camera-height`");
   Rig rig;
   FieldReader reader(map);
   visit(reader, rig);

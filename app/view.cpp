@@ -55,6 +55,7 @@ void View::show(const ViewContent& content) {
       vpDisplay::displayCross(image, point(corner), 12, vpColor::red, 1);
     vpDisplay::displayText(image, point(tag.corners_px[0]), std::to_string(tag.id), vpColor::yellow);
   }
+  for (const Eigen::Vector2d& at : content.points) vpDisplay::displayCross(image, point(at), 10, vpColor::green, 1);
   const vpImagePoint centre(0.5 * (content.gray.rows - 1), 0.5 * (content.gray.cols - 1));
   vpDisplay::displayCross(image, centre, 30, vpColor::yellow, 1);
   double row = 24.0;

@@ -15,9 +15,10 @@ namespace tagdock {
 /// What a person sees of one cycle.
 struct ViewContent {
   cv::Mat1b gray;
-  std::vector<RefinedTag> tags;    ///< outlines and corners
-  std::vector<Corners> target;     ///< where the board's tags will stand in the image when the robot is docked
-  std::vector<std::string> lines;  ///< text: phase, way to go, errors
+  std::vector<RefinedTag> tags;           ///< outlines and corners
+  std::vector<Corners> target;            ///< where the board's tags will stand in the image when the robot is docked
+  std::vector<std::string> lines;         ///< text: phase, way to go, errors
+  std::vector<Eigen::Vector2d> points{};  ///< single corners
 };
 
 /// A window with the live image, made with ViSP's display. Called from the loop thread.

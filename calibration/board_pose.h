@@ -14,6 +14,9 @@ struct SeenPoint {
   Eigen::Vector3d point_board = Eigen::Vector3d::Zero();  ///< m
   Eigen::Vector2d pixel = Eigen::Vector2d::Zero();        ///< as seen (distorted)
   double sigma_px = 0.1;                                  ///< of each coordinate
+  /// Where the corner of a free-standing square goes when the square grows by a pixel on each side [px]: by ink, or by
+  /// what a fit of blurred edges is off. Zero where squares touch: there both edges cross, and neither moves.
+  Eigen::Vector2d outward = Eigen::Vector2d::Zero();
 };
 
 /// The poses T_camera_board that explain seen points, the better first; a flat board has up to two. Unweighted: start

@@ -11,6 +11,7 @@
 #include <Eigen/LU>
 #include <ceres/ceres.h>
 
+#include "calibration/intrinsics.h"
 #include "calibration/lens_projection.h"
 #include "calibration/visp_hand_eye.h"
 #include "planning/pose2.h"
@@ -530,10 +531,9 @@ std::vector<Direction> directions(bool wheels) {
 std::string cure_of(const std::string& word, bool wheels) {
   if (word == "height")
     return wheels ? "measure the lens' height above the floor by tape and give it (camera_height_hint, or "
-                    "--camera-height); a planar robot cannot see it. Not needed for docking with a board whose height "
-                    "comes from the same picture"
+                    "--camera-height); a planar robot cannot see it, and `dock` takes no rig without it"
                   : "survey the board in the tracker's frame (T_tracker_board), or give the lens' height by tape "
-                    "(--camera-height); a planar robot cannot see it";
+                    "(--camera-height); a planar robot cannot see it, and `dock` takes no rig without it";
   if (word == "roll" || word == "pitch")
     return "turn: add stops whose headings differ by 40 degrees or more, with the board in view";
   if (word == "yaw") return "drive: add stops that are 1 m or more apart, not only turns on the spot";
@@ -657,6 +657,23 @@ Component component(const Joint::Linear& linear, const MatrixXd& covariance, Kin
   const double leverage = (rows.topRows(next) * covariance).cwiseProduct(rows.topRows(next)).sum();
   result.redundancy -= many ? static_cast<double>(linear.jacobian.cols()) - leverage : leverage;
   return result;
+}
+
+/// How the solution moves with the lens: all parameters by the twelve values.
+MatrixXd step_by_lens(const HandEyeProblem& problem, const std::vector<std::vector<SeenPoint>>& corners,
+                      const State& state, const Noise& noise, const Joint::Linear& linear, const MatrixXd& covariance) {
+  MatrixXd by_lens = MatrixXd::Zero(linear.jacobian.rows(), lens_values);
+  Index row = 0;  // corners come first, stop by stop
+  for (std::size_t i = 0; i < corners.size(); ++i) {
+    const Isometry3d T_camera_board = (state.stops[i].pose() * state.X.pose()).inverse() * state.board.pose();
+    for (const SeenPoint& seen : corners[i]) {
+      const Vector3d at = T_camera_board * seen.point_board;
+      by_lens.middleRows<2>(row) =
+          pixel_by_lens(problem.camera, at.head<2>() / at.z()) / (noise.corner * seen.sigma_px);
+      row += 2;
+    }
+  }
+  return -covariance * (linear.jacobian.transpose() * by_lens);
 }
 
 }  // namespace
@@ -806,13 +823,15 @@ HandEyeResult calibrate_hand_eye(const HandEyeProblem& problem) {
     covariance =
         information_of(linear, true).ldlt().solve(MatrixXd::Identity(linear.jacobian.cols(), linear.jacobian.cols()));
     if (round == 3) break;
-    constexpr double enough_redundancy = 10.0;  // below that a component cannot be told
-    const Component corner = component(linear, covariance, Kind::corner);
-    if (corner.redundancy > enough_redundancy)
-      noise.corner = std::clamp(noise.corner * std::sqrt(corner.factor()), 0.2, 20.0);
-    const Component motion = component(linear, covariance, Kind::motion);
-    if (motion.redundancy > enough_redundancy)
-      noise.motion = std::clamp(noise.motion * std::sqrt(motion.factor()), 0.3, 20.0);
+    // What is stated counts as if it had been measured with so many residuals: from a hundred residuals two components
+    // are told apart so badly that wrong weights would cost more than the little that a true statement is off.
+    constexpr double stated = 30.0;
+    const auto rescaled = [&](double scale, const Component& part, double lowest) {
+      const double variance = (scale * scale * part.squares + stated) / (std::max(0.0, part.redundancy) + stated);
+      return std::clamp(std::sqrt(variance), lowest, 20.0);
+    };
+    noise.corner = rescaled(noise.corner, component(linear, covariance, Kind::corner), 0.2);
+    noise.motion = rescaled(noise.motion, component(linear, covariance, Kind::motion), 0.3);
     if (problem.by_wheels) {
       const Component z = component(linear, covariance, Kind::floor, 0);
       if (z.redundancy > 3.0) noise.floor_z = std::clamp(noise.floor_z * std::sqrt(z.factor()), 2e-5, 5e-3);
@@ -844,7 +863,12 @@ HandEyeResult calibrate_hand_eye(const HandEyeProblem& problem) {
   if (problem.by_wheels)
     result.odometry = {problem.nominal.r_left * state.wheels[0], problem.nominal.r_right * state.wheels[1],
                        problem.nominal.track * state.wheels[2]};
-  result.covariance = covariance.topLeftCorner(kept, kept);
+  // The camera's own uncertainty moves all corners together, which no residual shows.
+  const MatrixXd by_lens = step_by_lens(problem, corners, state, noise, linear, covariance).topRows(kept);
+  const MatrixXd of_camera = by_lens * problem.camera_covariance * by_lens.transpose();
+  result.camera_xy_sigma = std::sqrt(0.5 * (of_camera(0, 0) + of_camera(1, 1)));
+  result.camera_rotation_sigma = std::sqrt(of_camera.diagonal().segment<3>(3).sum());
+  result.covariance = covariance.topLeftCorner(kept, kept) + of_camera;
   if (problem.by_wheels) {
     const Vector3d unit(problem.nominal.r_left, problem.nominal.r_right, problem.nominal.track);
     result.covariance.rightCols(3) = (result.covariance.rightCols(3) * unit.asDiagonal()).eval();

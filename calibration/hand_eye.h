@@ -16,7 +16,8 @@ namespace tagdock {
 /// One standstill of the robot before the board.
 struct HandEyeStop {
   int id = 0;
-  std::vector<SeenPoint> corners;                     ///< may be empty: the robot passed here without seeing the board
+  /// Of all frames taken here, so an id may come more than once; empty: the robot passed without seeing the board.
+  std::vector<SeenPoint> corners;
   std::optional<Eigen::Isometry3d> T_tracker_base;    ///< as measured, with a tracker
   std::vector<std::array<double, 2>> wheels_to_next;  ///< wheel angles left, right [rad] of the arcs to the next stop
 };
@@ -37,6 +38,8 @@ struct Measured {
 /// What the robot saw and how it moved: from a tracker beside the camera, or from its wheels.
 struct HandEyeProblem {
   CameraModel camera;
+  /// Of fx fy cx cy k1 k2 p1 p2 k3 k4 k5 k6, as `calibrate_intrinsics` claims it; zero: the camera is taken as exact.
+  Eigen::Matrix<double, 12, 12> camera_covariance = Eigen::Matrix<double, 12, 12>::Zero();
   std::vector<HandEyeStop> stops;  ///< in the order driven
   bool by_wheels = false;
   double tracker_sigma_m = 0.001;
@@ -85,13 +88,15 @@ struct HandEyeResult {
   /// [x y z roll pitch yaw (r_left r_right track)] of T_base_camera: translation, and turns about the base's axes on
   /// the left; m, rad. Wheels only with wheels.
   Eigen::MatrixXd covariance;
-  double xy_sigma = 0.0;           ///< per axis, m
-  double z_sigma = 0.0;            ///< m
-  double rotation_sigma = 0.0;     ///< of the whole angle, rad
-  double chi2_per_residual = 0.0;  ///< over the redundancy, after the noise was scaled
-  double corner_scale = 1.0;       ///< measured corner noise over that stated
-  double motion_scale = 1.0;       ///< measured tracker or wheel noise over that stated
-  double floor_tilt_sigma = 0.0;   ///< of the base on the floor, estimated [rad]; wheels only
+  double xy_sigma = 0.0;               ///< per axis, m
+  double z_sigma = 0.0;                ///< m
+  double rotation_sigma = 0.0;         ///< of the whole angle, rad
+  double camera_xy_sigma = 0.0;        ///< what of xy_sigma the camera's own uncertainty makes, m
+  double camera_rotation_sigma = 0.0;  ///< and of rotation_sigma, rad
+  double chi2_per_residual = 0.0;      ///< over the redundancy, after the noise was scaled
+  double corner_scale = 1.0;           ///< measured corner noise over that stated
+  double motion_scale = 1.0;           ///< measured tracker or wheel noise over that stated
+  double floor_tilt_sigma = 0.0;       ///< of the base on the floor, estimated [rad]; wheels only
   std::vector<Unobservable> unobservable;
   std::vector<double> direction_ratios;  ///< posterior over prior of the nine or six directions, ascending
   std::vector<StopResidual> stops;

@@ -34,7 +34,9 @@ constexpr double misfit = 3.0;           // a view that leaves so much more than
 // What boards do: they bend by up to some hundredths of their half size, less in higher orders; prints stretch.
 constexpr double bend_share = 0.02;
 constexpr double higher_bend_share = 0.003;
-constexpr double stretch = 0.001;
+constexpr double stretch_share = 0.001;
+constexpr double ink_m = 0.0001;     // what printers' ink spreads
+constexpr double growth_px = 0.005;  // fits of whole tags were seen to take sides to be 0.002 px off
 
 // ---- the board -----------------------------------------------------------------------------------------------------
 
@@ -51,22 +53,32 @@ struct CornerResidual {
   Vector2d from_centre;
   Vector2d pixel;
   double sigma_px;
+  Vector2d outward = Vector2d::Zero();  ///< px, see SeenPoint
+  Vector2d ink = Vector2d::Zero();      ///< where ink moves the corner on the board
 
   template <typename T>
   bool operator()(const T* lens, const T* board, const T* pose, T* residual) const {
     Eigen::Matrix<T, 3, 1> on_board;
-    on_board << point.x() + 0.5 * board[10] * from_centre.x(), point.y() - 0.5 * board[10] * from_centre.y(),
+    on_board << point.x() + 0.5 * board[BoardShape::stretch] * from_centre.x() + board[BoardShape::ink] * ink.x(),
+        point.y() - 0.5 * board[BoardShape::stretch] * from_centre.y() + board[BoardShape::ink] * ink.y(),
         point.z() + lift(board, uv.x(), uv.y());
     const Eigen::Map<const Eigen::Quaternion<T>> rotation(pose);
     const Eigen::Map<const Eigen::Matrix<T, 3, 1>> translation(pose + 4);
     const Eigen::Matrix<T, 3, 1> at = rotation * on_board + translation;
     if (at.z() < T(1e-4)) return false;
     const Eigen::Matrix<T, 2, 1> seen = project_point(lens, at);
-    residual[0] = (seen.x() - pixel.x()) / sigma_px;
-    residual[1] = (seen.y() - pixel.y()) / sigma_px;
+    residual[0] = (seen.x() + board[BoardShape::growth] * outward.x() - pixel.x()) / sigma_px;
+    residual[1] = (seen.y() + board[BoardShape::growth] * outward.y() - pixel.y()) / sigma_px;
     return true;
   }
 };
+
+/// Where ink moves a corner of a free-standing tag on the board, x right and y down, when it spreads by 1.
+Vector2d spread_by_ink(const SeenPoint& seen) {
+  if (seen.outward.isZero(0.0)) return Vector2d::Zero();
+  const int corner = seen.id % 4;  // bottom left, bottom right, top right, top left
+  return {corner == 1 || corner == 2 ? 1.0 : -1.0, corner < 2 ? 1.0 : -1.0};
+}
 
 struct ShapePrior {
   std::array<double, BoardShape::values> sigma;
@@ -106,8 +118,13 @@ struct Data {
   double noise_scale = 1.0;
   [[nodiscard]] CornerResidual* residual(const SeenPoint& seen) const {
     const Vector2d off = (seen.point_board - shape.centre).head<2>();
-    return new CornerResidual{seen.point_board, off.cwiseQuotient(shape.half), off, seen.pixel,
-                              noise_scale * std::max(least_sigma_px, seen.sigma_px)};
+    return new CornerResidual{seen.point_board,
+                              off.cwiseQuotient(shape.half),
+                              off,
+                              seen.pixel,
+                              noise_scale * std::max(least_sigma_px, seen.sigma_px),
+                              seen.outward,
+                              spread_by_ink(seen)};
   }
 };
 
@@ -155,7 +172,9 @@ class Bundle {
     ShapePrior prior{};
     const double half = data.shape.half.maxCoeff();
     for (std::size_t i = 0; i < 10; ++i) prior.sigma[i] = half * (i < 4 ? bend_share : higher_bend_share);
-    prior.sigma[10] = stretch;
+    prior.sigma[BoardShape::stretch] = stretch_share;
+    prior.sigma[BoardShape::ink] = ink_m;
+    prior.sigma[BoardShape::growth] = growth_px;
     blocks_.push_back(problem_.AddResidualBlock(
         new ceres::AutoDiffCostFunction<ShapePrior, BoardShape::values, BoardShape::values>(new ShapePrior(prior)),
         nullptr, board));
@@ -186,6 +205,7 @@ class Bundle {
 
   struct Linear {
     MatrixXd covariance;   ///< of the free lens values and the board, poses free
+    MatrixXd by_views;     ///< the same from how much the views scatter, whatever their corners claim
     double squares = 0.0;  ///< of the corner residuals, robust
     double redundancy = 0.0;
   };
@@ -205,6 +225,8 @@ class Bundle {
     std::vector<MatrixXd> B(views_.size(), MatrixXd::Zero(kept, 6));
     std::vector<Eigen::Matrix<double, 6, 6>> C(views_.size(), Eigen::Matrix<double, 6, 6>::Identity() * 1e-12);
     Linear linear;
+    std::vector<VectorXd> pull(views_.size(), VectorXd::Zero(kept));
+    std::vector<Eigen::Matrix<double, 6, 1>> own_pull(views_.size(), Eigen::Matrix<double, 6, 1>::Zero());
     for (int row = 0; row < J.num_rows; ++row) {
       VectorXd shared = VectorXd::Zero(kept);
       Eigen::Matrix<double, 6, 1> own = Eigen::Matrix<double, 6, 1>::Zero();
@@ -223,7 +245,11 @@ class Bundle {
       if (view == views_.size()) continue;  // the prior
       B[view] += shared * own.transpose();
       C[view] += own * own.transpose();
-      const double value = std::abs(residuals[static_cast<std::size_t>(row)]);
+      const double left = residuals[static_cast<std::size_t>(row)];
+      const double value = std::abs(left);
+      const double heard = std::clamp(left, -robust_sigma, robust_sigma);
+      pull[view] += heard * shared;
+      own_pull[view] += heard * own;
       linear.squares += value > robust_sigma ? robust_sigma * (2.0 * value - robust_sigma) : value * value;
       linear.redundancy += 1.0;
     }
@@ -231,6 +257,15 @@ class Bundle {
     MatrixXd information = A.selfadjointView<Eigen::Lower>();
     for (std::size_t i = 0; i < views_.size(); ++i) information -= B[i] * C[i].ldlt().solve(B[i].transpose());
     linear.covariance = information.ldlt().solve(MatrixXd::Identity(kept, kept));
+    // Corners of a view may err together (motion, light, a lens or board that the model misses), so the sandwich counts
+    // views, not corners.
+    MatrixXd scatter = MatrixXd::Zero(kept, kept);
+    for (std::size_t i = 0; i < views_.size(); ++i) {
+      const VectorXd score = pull[i] - B[i] * C[i].ldlt().solve(own_pull[i]);
+      scatter += score * score.transpose();
+    }
+    const auto count = static_cast<double>(views_.size());
+    linear.by_views = count / std::max(1.0, count - 1.0) * linear.covariance * scatter * linear.covariance;
     return linear;
   }
 
@@ -366,6 +401,32 @@ std::vector<std::string> lacking(const IntrinsicsResult& result) {
   return sentences;
 }
 
+/// See IntrinsicsResult::neighbours_agree. Neighbours stand a tenth to a quarter of the board apart, and not on the
+/// same tag, whose four corners are fitted together.
+double agreement_of_neighbours(const IntrinsicsResult& result) {
+  const double diagonal = 2.0 * result.board.half.norm();
+  double alike = 0.0;
+  double pairs = 0.0;
+  double squares = 0.0;
+  const std::vector<CornerLeft>& corners = result.corners;
+  for (std::size_t begin = 0; begin < corners.size();) {
+    std::size_t end = begin;
+    while (end < corners.size() && corners[end].view == corners[begin].view) ++end;
+    for (std::size_t i = begin; i < end; ++i) {
+      squares += corners[i].residual.squaredNorm() / static_cast<double>(corners.size());
+      for (std::size_t k = i + 1; k < end; ++k) {
+        const double apart = (corners[k].board - corners[i].board).norm() / diagonal;
+        if (apart < 0.1 || apart > 0.25) continue;
+        if (corners[i].tag >= 0 && corners[i].tag == corners[k].tag) continue;
+        alike += corners[i].residual.dot(corners[k].residual);
+        pairs += 1.0;
+      }
+    }
+    begin = end;
+  }
+  return pairs > 0.0 && squares > 0.0 ? alike / pairs / squares : 0.0;
+}
+
 }  // namespace
 
 std::string_view word(LensModel model) {
@@ -387,7 +448,7 @@ std::string_view word(LensModel model) {
 Vector3d BoardShape::bent(const Vector3d& point) const {
   const Vector2d off = (point - centre).head<2>();
   const Vector2d uv = off.cwiseQuotient(half);
-  return {point.x() + 0.5 * value[10] * off.x(), point.y() - 0.5 * value[10] * off.y(),
+  return {point.x() + 0.5 * value[stretch] * off.x(), point.y() - 0.5 * value[stretch] * off.y(),
           point.z() + lift(value.data(), uv.x(), uv.y())};
 }
 
@@ -475,7 +536,7 @@ IntrinsicsResult calibrate_intrinsics(const std::vector<CalibrationView>& all, i
   // 2. The lens ladder: each model is solved on either half of the views and tried on the other.
   std::vector<std::size_t> halves[2];
   for (std::size_t i = 0; i < used.size(); ++i) halves[i % 2].push_back(used[i]);
-  const bool halved = halves[1].size() >= 4;
+  const bool halved = halves[1].size() >= 4 && !config.lens_only;
   std::map<LensModel, std::array<Solution, 2>> solved;
   const auto try_lens = [&](LensModel model) {
     double squares = 0.0;
@@ -527,6 +588,9 @@ IntrinsicsResult calibrate_intrinsics(const std::vector<CalibrationView>& all, i
   result.board = data.shape;
   result.board.value = solution.board;
   result.covariance = inflate * inflate * spread_out(linear.covariance, lens);
+  const double by_corners = projection_sigma(result.camera, result.covariance).rms();
+  const double by_views = projection_sigma(result.camera, spread_out(linear.by_views, lens)).rms();
+  if (by_views > by_corners) result.covariance *= (by_views * by_views) / (by_corners * by_corners);
   double squares = 0.0;
   for (const std::size_t view : used) {
     ViewResidual& report = result.views[view];
@@ -539,12 +603,16 @@ IntrinsicsResult calibrate_intrinsics(const std::vector<CalibrationView>& all, i
     for (const SeenPoint& seen : data.views[view]) {
       const Vector2d left = residual_px(data, solution, view, seen);
       own += left.squaredNorm();
-      result.corners.push_back({view, seen.pixel, left, seen.point_board.head<2>()});
+      result.corners.push_back(
+          {view, seen.pixel, left, seen.point_board.head<2>(), seen.outward.isZero(0.0) ? -1 : seen.id / 4});
     }
     squares += own;
     report.rms_px = std::sqrt(own / (2.0 * static_cast<double>(data.views[view].size())));
   }
   result.rms_px = std::sqrt(squares / (2.0 * static_cast<double>(std::max<std::size_t>(1, result.corners.size()))));
+
+  result.neighbours_agree = agreement_of_neighbours(result);
+  result.systematic_px = std::sqrt(std::max(0.0, result.neighbours_agree)) * result.rms_px;
 
   // 4. Two halves must differ by what their uncertainties promise, no more.
   double excess = 1.0;
@@ -588,6 +656,13 @@ IntrinsicsResult calibrate_intrinsics(const std::vector<CalibrationView>& all, i
                                 figure(excess, 2) +
                                 " times what their noise explains: the model of lens or board is wrong, or the board "
                                 "moved or bent between views");
+  // Halves of the same kind of views share what the model misses; neighbours in a view show it.
+  constexpr double most_agreement = 0.3;
+  constexpr double most_systematic_px = 0.05;
+  if (result.neighbours_agree > most_agreement && result.systematic_px > most_systematic_px)
+    result.complaints.push_back("neighbouring corners err alike, by " + figure(result.systematic_px) +
+                                " px: the model of lens or board is wrong (a bent board taken for flat, too poor a "
+                                "lens model, or rows of the sensor read one after the other)");
   constexpr double most_rms_px = 1.0;
   if (result.rms_px > most_rms_px)
     result.complaints.push_back("corners are off by " + figure(result.rms_px) +

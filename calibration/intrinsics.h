@@ -35,14 +35,19 @@ std::string_view word(LensModel model);
 struct IntrinsicsConfig {
   std::optional<LensModel> lens;  ///< none: chosen by the error on views set aside
   bool flat_board = false;        ///< do not let the board bend: to see what that does
-  double most_sigma_px = 1.0;     ///< a larger uncertainty anywhere in the image is refused
+  /// Only enough to see corners through the lens: no ladder, no halves, no verdict on the model.
+  bool lens_only = false;
+  double most_sigma_px = 1.0;  ///< a larger uncertainty anywhere in the image is refused
 };
 
 /// The board as it is: how far it bends out of its plane, and how much longer its x than its y lengths were printed.
 /// z is added as sum of w_i times a power of u and v, which run from -1 to 1 over the board.
 struct BoardShape {
-  static constexpr int values = 11;
-  std::array<double, values> value{};  ///< m for u2 v2 uv u2v2 u3 v3 u2v uv2 u4 v4; last: relative
+  static constexpr int values = 13;
+  static constexpr int stretch = 10;   ///< relative
+  static constexpr int ink = 11;       ///< how far free-standing squares reach beyond what was drawn, to each side [m]
+  static constexpr int growth = 12;    ///< and what corner fits take their sides to be off [px]
+  std::array<double, values> value{};  ///< m for u2 v2 uv u2v2 u3 v3 u2v uv2 u4 v4; then as above
   Eigen::Vector3d centre = Eigen::Vector3d::Zero();
   Eigen::Vector2d half = Eigen::Vector2d::Ones();  ///< m
   [[nodiscard]] Eigen::Vector3d bent(const Eigen::Vector3d& point) const;
@@ -70,6 +75,7 @@ struct CornerLeft {
   Eigen::Vector2d pixel = Eigen::Vector2d::Zero();
   Eigen::Vector2d residual = Eigen::Vector2d::Zero();  ///< px
   Eigen::Vector2d board = Eigen::Vector2d::Zero();     ///< m
+  int tag = -1;                                        ///< that stands free and has this corner; -1: none
 };
 
 struct IntrinsicsResult {
@@ -90,6 +96,10 @@ struct IntrinsicsResult {
     double held_out;  ///< rms over views that the solution had not seen, in sigmas of their corners
   };
   std::vector<Step> ladder;
+  /// Mean product of the residuals of neighbouring corners of a view over their mean square: near 0 when noise is all
+  /// that is left, towards 1 when the model of lens or board is wrong.
+  double neighbours_agree = 0.0;
+  double systematic_px = 0.0;  ///< the part of rms_px that neighbours share
   // Two halves of the views, solved apart.
   double halves_px = 0.0;           ///< rms of their difference over the image
   double halves_expected_px = 0.0;  ///< what their uncertainties promise

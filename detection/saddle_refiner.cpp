@@ -6,7 +6,10 @@
 #include <vector>
 
 #include <Eigen/Cholesky>
+#include <Eigen/Geometry>
 #include <Eigen/LU>
+
+#include "detection/lens_patch.h"
 
 namespace tagdock {
 namespace {
@@ -48,6 +51,35 @@ std::vector<Pixel> window(const cv::Mat1b& gray, const SaddleGuess& guess) {
       pixels.push_back({Vector2d(x, y), static_cast<double>(gray(y, x))});
     }
   return pixels;
+}
+
+/// Takes the bend of the lens out of a window and leaves its middle, with the scale there, where it is.
+struct Straightening {
+  LensPatch patch;
+  Vector2d middle;
+  Vector2d middle_straight;
+  Matrix2d straight_by_pixel;
+  Matrix2d pixel_by_straight;
+
+  [[nodiscard]] Vector2d straight(const Vector2d& pixel) const {
+    if (!patch.bends()) return pixel;
+    return middle + pixel_by_straight * (patch.undistorted(pixel) - middle_straight);
+  }
+  [[nodiscard]] Vector2d seen(const Vector2d& straight) const {
+    if (!patch.bends()) return straight;
+    return patch.distorted(middle_straight + straight_by_pixel * (straight - middle));
+  }
+};
+
+std::optional<Straightening> straightening(const std::vector<Pixel>& pixels, const Vector2d& middle,
+                                           const std::optional<CameraModel>& camera) {
+  Eigen::AlignedBox2d box(middle);
+  for (const Pixel& pixel : pixels) box.extend(pixel.place);
+  const std::optional<LensPatch> patch = LensPatch::make(camera, box.min(), box.max());
+  if (!patch) return std::nullopt;
+  if (!patch->bends()) return Straightening{*patch, middle, middle, Matrix2d::Identity(), Matrix2d::Identity()};
+  const LensPatch::Place place = patch->at(middle);
+  return Straightening{*patch, middle, place.undistorted, place.by_pixel, place.by_pixel.inverse()};
 }
 
 struct Side {
@@ -102,10 +134,14 @@ double evaluate(const std::vector<Pixel>& pixels, const Values& v, Normal* infor
 
 }  // namespace
 
-std::optional<Saddle> refine_saddle(const cv::Mat1b& gray, const SaddleGuess& guess) {
+std::optional<Saddle> refine_saddle(const cv::Mat1b& gray, const SaddleGuess& guess,
+                                    const std::optional<CameraModel>& camera) {
   if (!(std::abs(guess.pixel_by_drawn.determinant()) > 1e-12) || !guess.pixel.allFinite()) return std::nullopt;
-  const std::vector<Pixel> pixels = window(gray, guess);
+  std::vector<Pixel> pixels = window(gray, guess);
   if (pixels.size() < least_pixels) return std::nullopt;
+  const std::optional<Straightening> lens = straightening(pixels, guess.pixel, camera);
+  if (!lens) return std::nullopt;
+  for (Pixel& pixel : pixels) pixel.place = lens->straight(pixel.place);
 
   // Edge 1 runs along the board's y (its normal along x), edge 2 along x.
   const Vector2d along_x = guess.pixel_by_drawn.col(0).normalized();
@@ -171,7 +207,7 @@ std::optional<Saddle> refine_saddle(const cv::Mat1b& gray, const SaddleGuess& gu
   if ((v.head<2>() - guess.pixel).norm() > std::max(2.0, far)) return std::nullopt;
 
   Saddle saddle;
-  saddle.pixel = v.head<2>();
+  saddle.pixel = lens->seen(v.head<2>());
   const double freedom = static_cast<double>(pixels.size()) - unknowns;
   const double variance = std::max(squares / freedom, 1.0 / 12.0);  // at least the rounding to whole grey levels
   const Normal whole = information.selfadjointView<Eigen::Lower>();

@@ -133,6 +133,22 @@ Fit fit_layout(const std::vector<DecodedMark>& marks, const TargetLayout& layout
   return fit;
 }
 
+/// How many of the layout's marks lie in the picture, far enough from its rim to be decoded.
+int marks_inside(const cv::Mat1b& gray, const TargetLayout& layout, const Matrix3d& H) {
+  constexpr double rim_px = 10.0;
+  int count = 0;
+  for (const auto& [id, corners] : layout.marks) {
+    bool inside = true;
+    for (const Vector2d& corner : corners) {
+      const Vector2d pixel = mapped(H, corner);
+      inside = inside && pixel.x() > rim_px && pixel.y() > rim_px && pixel.x() < gray.cols - 1 - rim_px &&
+               pixel.y() < gray.rows - 1 - rim_px;
+    }
+    count += inside ? 1 : 0;
+  }
+  return count;
+}
+
 double median(std::vector<double> values) {
   if (values.empty()) return 0.0;
   std::nth_element(values.begin(), values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2), values.end());
@@ -167,7 +183,8 @@ struct TargetFinder::Parts {
   CalibrationTarget target;
   std::vector<TargetLayout> layouts;
   std::unique_ptr<MarkDecoder> decoder;   ///< where squares touch
-  std::unique_ptr<TagDetector> detector;  ///< where tags stand free
+  std::unique_ptr<TagDetector> detector;  ///< where tags stand free: on a picture of half the size ...
+  std::unique_ptr<TagDetector> thorough;  ///< ... or, where that misses some of the board's, on the whole one
 };
 
 TargetFinder::TargetFinder(const CalibrationTarget& target) : parts_(std::make_unique<Parts>()) {
@@ -184,8 +201,9 @@ TargetFinder::TargetFinder(const CalibrationTarget& target) : parts_(std::make_u
     case CalibrationTarget::Type::tag: {
       TagDetectorConfig config;
       config.family = target.family;
-      config.decimate = 1;
       parts_->detector = std::make_unique<TagDetector>(config);
+      config.decimate = 1;
+      parts_->thorough = std::make_unique<TagDetector>(config);
       break;
     }
   }
@@ -197,12 +215,13 @@ TargetFinder& TargetFinder::operator=(TargetFinder&&) noexcept = default;
 
 namespace {
 
-TargetView find_saddles(const cv::Mat1b& gray, const TargetLayout& layout, const Fit& fit) {
+/// @param passes  each predicts from the corners of the one before
+TargetView find_saddles(const cv::Mat1b& gray, const TargetLayout& layout, const Fit& fit, int passes,
+                        const std::optional<CameraModel>& camera) {
   TargetView view;
   const double near = 2.0 * layout.reach / 0.45;
   std::vector<Pair> known = fit.pairs;
   std::map<std::size_t, Saddle> found;
-  constexpr int passes = 3;  // each predicts from the corners of the one before; the third adds what is left
   for (int pass = 0; pass < passes; ++pass) {
     const Warp warp(fit.H, known, near);
     view.corners_expected = 0;
@@ -218,7 +237,7 @@ TargetView find_saddles(const cv::Mat1b& gray, const TargetLayout& layout, const
       guess.pixel_by_drawn = warp.derivative(corner.drawn);
       guess.reach = layout.reach;
       guess.clearance = layout.clearance;
-      const std::optional<Saddle> saddle = refine_saddle(gray, guess);
+      const std::optional<Saddle> saddle = refine_saddle(gray, guess, camera);
       if (!saddle) continue;
       // Near marks the prediction is good to some pixels; a corner of the next square is not this one.
       const double cell_px = std::sqrt(std::abs(guess.pixel_by_drawn.determinant())) * layout.reach;
@@ -263,9 +282,24 @@ TargetView find_saddles(const cv::Mat1b& gray, const TargetLayout& layout, const
   return view;
 }
 
+/// Where a quadrilateral's corners go when its sides move outward by a pixel each.
+Corners grown_by_a_pixel(const Corners& corners) {
+  Corners moved;
+  for (std::size_t k = 0; k < 4; ++k) {
+    // Clockwise as seen, y down: outward is to the left of the way along a side.
+    const Vector2d before = (corners[k] - corners[(k + 3) % 4]).normalized();
+    const Vector2d after = (corners[(k + 1) % 4] - corners[k]).normalized();
+    Matrix2d normals;
+    normals << before.y(), -before.x(), after.y(), -after.x();
+    moved[k] = normals.fullPivLu().solve(Vector2d::Ones());
+  }
+  return moved;
+}
+
 TargetView find_tags(const cv::Mat1b& gray, const std::string& family, const std::vector<TagDetection>& tags,
-                     const TargetLayout& layout, const std::optional<CameraModel>& camera) {
+                     const TargetLayout& layout, CornerMethod method, const std::optional<CameraModel>& camera) {
   TargetView view;
+  view.tags = tags;
   std::map<int, const TargetLayout::Corner*> by_id;
   for (const TargetLayout::Corner& corner : layout.corners) by_id[corner.id] = &corner;
   std::vector<double> blur;
@@ -275,7 +309,7 @@ TargetView find_tags(const cv::Mat1b& gray, const std::string& family, const std
   double counted = 0.0;
   for (const TagDetection& tag : tags) {
     if (!layout.marks.contains(tag.id)) continue;
-    const Refinement refinement = refine(gray, family, tag, CornerMethod::best, camera);
+    const Refinement refinement = refine(gray, family, tag, method, camera);
     const RefinedTag* refined = std::get_if<RefinedTag>(&refinement);
     if (refined == nullptr) continue;
     blur.push_back(refined->blur_px);
@@ -291,13 +325,15 @@ TargetView find_tags(const cv::Mat1b& gray, const std::string& family, const std
         clipped += gray(y, x) >= 254 ? 1.0 : 0.0;
         counted += 1.0;
       }
+    const Corners outward = grown_by_a_pixel(refined->corners_px);
     for (int k = 0; k < 4; ++k) {
       const auto corner = by_id.find(4 * tag.id + k);
       if (corner == by_id.end()) continue;
       constexpr std::size_t from_below[] = {3, 2, 1, 0};  // bottom left, bottom right, top right, top left
       const auto at = static_cast<Eigen::Index>(2 * from_below[k]);
       const double sigma = std::sqrt(0.5 * refined->covariance_px2.block<2, 2>(at, at).trace());
-      view.corners.push_back({corner->first, corner->second->point, refined->corners_px[from_below[k]], sigma});
+      view.corners.push_back(
+          {corner->first, corner->second->point, refined->corners_px[from_below[k]], sigma, outward[from_below[k]]});
     }
   }
   view.corners_expected = static_cast<int>(view.corners.size());
@@ -310,37 +346,77 @@ TargetView find_tags(const cv::Mat1b& gray, const std::string& family, const std
 
 }  // namespace
 
-TargetView TargetFinder::find(const cv::Mat1b& gray, const std::optional<CameraModel>& camera) const {
+TargetView TargetFinder::find(const cv::Mat1b& gray) const { return find(gray, false); }
+
+TargetView TargetFinder::find_coarsely(const cv::Mat1b& gray) const { return find(gray, true); }
+
+TargetView TargetFinder::find(const cv::Mat1b& gray, bool coarsely) const {
   const Parts& parts = *parts_;
-  std::vector<DecodedMark> marks;
-  std::vector<TagDetection> tags;
-  if (parts.decoder) {
-    marks = parts.decoder->decode(gray);
-  } else {
-    tags = parts.detector->detect(gray);
-    for (const TagDetection& tag : tags) marks.push_back({tag.id, tag.corners_px});
-  }
   // Lenses bend boards by some hundredths of the picture against any homography.
   const double tolerance_px = std::max(4.0, 0.012 * std::max(gray.cols, gray.rows));
+  const auto best_fit = [&](const std::vector<DecodedMark>& marks, std::size_t& layout) {
+    Fit best;
+    for (std::size_t i = 0; i < parts.layouts.size(); ++i)
+      for (std::size_t turn = 0; turn < (parts.decoder ? 4U : 1U); ++turn) {
+        Fit fit = fit_layout(marks, parts.layouts[i], turn, tolerance_px);
+        if (fit.agreeing > best.agreeing) {
+          best = std::move(fit);
+          layout = i;
+        }
+      }
+    return best;
+  };
+  std::vector<DecodedMark> marks;
+  std::vector<TagDetection> tags;
   Fit best;
   std::size_t layout = 0;
-  bool one_mark_only = parts.target.type == CalibrationTarget::Type::tag;
-  for (std::size_t i = 0; i < parts.layouts.size(); ++i)
-    for (std::size_t turn = 0; turn < (parts.decoder ? 4U : 1U); ++turn) {
-      Fit fit = fit_layout(marks, parts.layouts[i], turn, tolerance_px);
-      if (fit.agreeing > best.agreeing) {
-        best = std::move(fit);
-        layout = i;
-      }
+  if (parts.decoder) {
+    marks = parts.decoder->decode(gray);
+    best = best_fit(marks, layout);
+  } else {
+    for (const TagDetector* detector : {parts.detector.get(), parts.thorough.get()}) {
+      tags = detector->detect(gray);
+      marks.clear();
+      for (const TagDetection& tag : tags) marks.push_back({tag.id, tag.corners_px});
+      best = best_fit(marks, layout);
+      if (best.agreeing > 0 && best.agreeing >= marks_inside(gray, parts.layouts[layout], best.H)) break;
     }
+  }
   TargetView view;
-  const int least_marks = one_mark_only ? 1 : 2;
+  const int least_marks = parts.target.type == CalibrationTarget::Type::tag ? 1 : 2;
+  constexpr int passes = 3;  // the third adds what is left
   if (best.agreeing >= least_marks)
-    view = parts.decoder ? find_saddles(gray, parts.layouts[layout], best)
-                         : find_tags(gray, parts.target.family, tags, parts.layouts[layout], camera);
+    view = parts.decoder ? find_saddles(gray, parts.layouts[layout], best, passes, std::nullopt)
+                         : find_tags(gray, parts.target.family, tags, parts.layouts[layout],
+                                     coarsely ? CornerMethod::apriltag : CornerMethod::best, std::nullopt);
   view.layout = layout;
   view.marks_found = best.agreeing;
   view.marks_elsewhere = static_cast<int>(marks.size()) - best.agreeing;
+  return view;
+}
+
+TargetView TargetFinder::refine(const cv::Mat1b& gray, const TargetView& seen, const CameraModel& camera) const {
+  const Parts& parts = *parts_;
+  const TargetLayout& layout = parts.layouts[seen.layout];
+  TargetView view = seen;
+  if (parts.detector) {
+    if (seen.tags.empty()) return seen;
+    view = find_tags(gray, parts.target.family, seen.tags, layout, CornerMethod::best, camera);
+  } else {
+    std::map<int, Vector2d> drawn;
+    for (const TargetLayout::Corner& corner : layout.corners) drawn[corner.id] = corner.drawn;
+    Fit fit;
+    for (const SeenPoint& corner : seen.corners) fit.pairs.push_back({drawn.at(corner.id), corner.pixel});
+    std::vector<bool> inliers;
+    const double all = 1e6;  // px: what was found is the board's
+    const std::optional<Matrix3d> H = homography(fit.pairs, all, inliers);
+    if (!H) return seen;
+    fit.H = *H;
+    view = find_saddles(gray, layout, fit, 1, camera);
+  }
+  view.layout = seen.layout;
+  view.marks_found = seen.marks_found;
+  view.marks_elsewhere = seen.marks_elsewhere;
   return view;
 }
 

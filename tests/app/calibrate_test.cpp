@@ -101,6 +101,12 @@ TEST_CASE("a hand-eye dataset with a flaw is refused with file, line and what is
   CHECK(refusal(read).find("unit quaternion") != std::string::npos);
   folder.write("tracker.csv", "stop,x,y,z,qx,qy,qz,qw\n0,0,0,0,0,0,0,1\n");
   CHECK(read_hand_eye_dataset(folder.path).stops.size() == 1);
+  folder.write("corners.csv", "stop,id,u,v\n0,0,1,2\n0,0,1,3\n");
+  CHECK(refusal(read).find("column frame") != std::string::npos);
+  folder.write("corners.csv", "stop,frame,id,u,v,sigma_px\n0,0,0,1,2,0.1\n0,1,0,1,3,0.2\n");
+  const HandEyeProblem twice = read_hand_eye_dataset(folder.path);
+  REQUIRE(twice.stops.at(0).corners.size() == 2);
+  CHECK(twice.stops[0].corners[1].sigma_px == 0.2);
 }
 
 TEST_CASE("a calibration that was refused is no rig to dock with") {

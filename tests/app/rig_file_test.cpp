@@ -49,6 +49,18 @@ TEST_CASE("a rig that was written is read back, and judged keys of calibrate are
   CHECK(read.T_base_camera.isApprox(rig.T_base_camera, 1e-15));
 }
 
+TEST_CASE("a rig whose height no drive determined is not taken, and says how to measure it") {
+  const std::string text = text_of(default_rig());
+  const auto refused = written("rig.yaml", text + "height_known: false\n");
+  try {
+    (void)read_rig(refused);
+    FAIL("an arbitrary height was taken");
+  } catch (const Failure& failure) {
+    CHECK_THAT(failure.what(), Contains("height_known") && Contains("--camera-height"));
+  }
+  CHECK(read_rig(written("rig.yaml", text + "height_known: true\n")).camera == default_rig().camera);
+}
+
 TEST_CASE("what was read and written again reads the same to the last bit") {
   // The run uses the configuration as parsed from the text that is recorded, and so does replay.
   const Board once = read_board(written("board.yaml", text_of(default_board(0.35))));

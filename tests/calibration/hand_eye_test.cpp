@@ -97,6 +97,25 @@ TEST_CASE("what a straight drive and a turn on the spot leave open is named, not
   }
 }
 
+TEST_CASE("ten frames of each stop count, and what the camera is unsure of is in the claim") {
+  Drive how = of(Drive::Way::arc);
+  how.corner_noise_px = 0.3;  // so that corners matter beside the tracker
+  const HandEyeResult once = calibrate_hand_eye(drive(how).problem);
+  how.frames = 10;
+  const HandEyeResult often = calibrate_hand_eye(drive(how).problem);
+  CHECK(often.xy_sigma < 0.75 * once.xy_sigma);  // corners by the root of ten; the tracker's part stays
+  CHECK(once.camera_xy_sigma == 0.0);
+  how.camera_error = 2.0;
+  how.sees = Drive::Sees::grid;
+  const DriveData data = drive(how);
+  const HandEyeResult unsure = calibrate_hand_eye(data.problem);
+  CHECK(unsure.camera_xy_sigma > 0.0);
+  CHECK(unsure.xy_sigma > unsure.camera_xy_sigma);
+  const HandEyeError error = error_of(unsure, data.truth);
+  CHECK(error.xy < 3.7 * unsure.xy_sigma);
+  CHECK(error.rotation < 2.4 * unsure.rotation_sigma);
+}
+
 TEST_CASE("fewer than three stops that see the board are refused with a sentence") {
   Drive how = of(Drive::Way::arc);
   how.stops = 2;

@@ -56,6 +56,18 @@ DriveData drive(const Drive& how) {
   DriveData data;
   HandEyeProblem& problem = data.problem;
   problem.camera = {1280, 1024, 1155.0, 1156.0, 641.0, 509.0, -0.11, 0.07, 0.0003, -0.0002, 0.0};
+  CameraModel truth_camera = problem.camera;
+  if (how.camera_error > 0.0) {
+    // fx, fy, cx, cy, k1, k2 as a calibration of a dozen views knows them, times camera_error.
+    const double sigma[] = {0.5, 0.5, 0.5, 0.5, 5e-4, 2e-3};
+    double* const value[] = {&truth_camera.fx, &truth_camera.fy, &truth_camera.cx,
+                             &truth_camera.cy, &truth_camera.k1, &truth_camera.k2};
+    for (Eigen::Index i = 0; i < 6; ++i) {
+      const double own = how.camera_error * sigma[i];
+      *value[i] += own * normal(random);
+      problem.camera_covariance(i, i) = own * own;
+    }
+  }
   problem.by_wheels = how.by_wheels;
   problem.leave_out_frontal = how.leave_out_frontal;
   problem.tracker_sigma_m = how.tracker_noise_m;
@@ -92,6 +104,27 @@ DriveData drive(const Drive& how) {
       stops.back().y += std::tan(radians(-3.0)) * (stops.back().x + 4.5);
     } else if (how.way == Drive::Way::spin) {
       stops.push_back({-2.2, 0.5 * standing, radians(-18.0 + 36.0 * share)});
+    } else if (how.way == Drive::Way::zigzag) {
+      // Two headings at each place: the turn on the spot between them tells of the track and of the lens' place.
+      const double along = share < 0.5 ? 2.0 * share : 2.0 - 2.0 * share;
+      if (i % 2 == 0) {
+        const double bearing = radians(-50.0 + 100.0 * along + between(-2.0, 2.0));
+        const double distance = ((i / 2) % 2 == 0 ? 1.25 : 2.75) + between(-0.1, 0.1);
+        stops.push_back({-distance * std::cos(bearing), distance * std::sin(bearing), 0.0});
+      } else {
+        stops.push_back(stops.back());
+      }
+      const double aim = (i % 4 == 0 || i % 4 == 3 ? 1.0 : -1.0) * radians(between(10.0, 17.0));
+      stops.back().yaw = std::atan2(-stops.back().y, -stops.back().x) + aim;
+    } else if (how.way == Drive::Way::sweep) {
+      // Two arcs, there and back, nearer and farther, looking to the left and to the right of the board in turn.
+      const double along = share < 0.5 ? 2.0 * share : 2.0 - 2.0 * share;
+      const double bearing = radians(-60.0 + 120.0 * along + between(-2.0, 2.0));
+      const double distance = (share < 0.5 ? 1.3 : 1.7) + between(-0.1, 0.1);
+      const double aim = (i % 2 == 0 ? 1.0 : -1.0) * radians(between(10.0, 17.0));
+      const double x = -distance * std::cos(bearing);
+      const double y = distance * std::sin(bearing);
+      stops.push_back({x, y, std::atan2(-y, -x) + aim});
     } else {
       const double side = i % 2 == 0 ? 1.0 : -1.0;
       const double bearing =
@@ -141,15 +174,16 @@ DriveData drive(const Drive& how) {
     stop.id = static_cast<int>(i);
     const Isometry3d T_world_base = lifted(stops[i]);
     const Isometry3d T_camera_board = (T_world_base * X).inverse() * T_world_board;
-    for (std::size_t k = 0; k < points.size(); ++k) {
-      const Vector3d point = T_camera_board * points[k];
-      if (point.z() < 0.1) continue;
-      Eigen::Vector2d pixel = project(problem.camera, point);
-      if (pixel.x() < 0 || pixel.y() < 0 || pixel.x() > 1279 || pixel.y() > 1023) continue;
-      pixel += how.corner_noise_px * Eigen::Vector2d(normal(random), normal(random));
-      if (between(0, 1) < how.outliers) pixel += between(3, 20) * Eigen::Vector2d(between(-1, 1), 1.0).normalized();
-      stop.corners.push_back({static_cast<int>(k), points[k], pixel, how.corner_noise_px});
-    }
+    for (int frame = 0; frame < how.frames; ++frame)
+      for (std::size_t k = 0; k < points.size(); ++k) {
+        const Vector3d point = T_camera_board * points[k];
+        if (point.z() < 0.1) continue;
+        Eigen::Vector2d pixel = project(truth_camera, point);
+        if (pixel.x() < 0 || pixel.y() < 0 || pixel.x() > 1279 || pixel.y() > 1023) continue;
+        pixel += how.corner_noise_px * Eigen::Vector2d(normal(random), normal(random));
+        if (between(0, 1) < how.outliers) pixel += between(3, 20) * Eigen::Vector2d(between(-1, 1), 1.0).normalized();
+        stop.corners.push_back({static_cast<int>(k), points[k], pixel, how.corner_noise_px});
+      }
     if (!how.by_wheels) {
       Isometry3d measured = T_world_base;
       const Vector3d turn = how.tracker_noise_rad * Vector3d(normal(random), normal(random), normal(random));

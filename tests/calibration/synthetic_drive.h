@@ -10,7 +10,9 @@ namespace tagdock::testing {
 struct Drive {
   enum class Way {
     arc,       ///< stops 1.2 to 1.8 m from the board, 27 to 60 degrees to both sides, aimed to 15 degrees
-    wide,      ///< near and far, headings over the whole field of view
+    wide,      ///< near and far, headings over the whole field of view, in no order
+    sweep,     ///< as a technician should drive: on arcs from side to side of the board, a step from stop to stop
+    zigzag,    ///< the same, two headings at each place, with long legs between near and far: what wheels need
     straight,  ///< towards the board without any turn
     spin       ///< turns on the spot
   };
@@ -19,6 +21,7 @@ struct Drive {
   Way way = Way::arc;
   Sees sees = Sees::tag;
   int stops = 13;
+  int frames = 1;  ///< taken at each stop
   bool by_wheels = false;
   bool surveyed = false;  ///< the board, in the tracker's frame
   bool height_by_tape = false;
@@ -28,6 +31,7 @@ struct Drive {
   double wheel_noise = 0.003;          ///< rad per square root of rad
   double outliers = 0.0;               ///< share of corners that are off by 3 to 20 px
   bool leave_out_frontal = false;
+  double camera_error = 0.0;  ///< of the intrinsics, over half a pixel; known to the problem as their covariance
   std::uint64_t seed = 1;
 };
 
