@@ -5,6 +5,7 @@
 #include <array>
 #include <atomic>
 #include <chrono>
+#include <cstdlib>
 #include <functional>
 #include <map>
 #include <mutex>
@@ -418,7 +419,17 @@ TEST_CASE("each state of a camera is visible, from absent to streaming, lost and
                                 "opening", "claiming", "configuring", "streaming"}));
 }
 
+/// A client that dies under a sanitizer writes a report first, to nowhere, and looks up names for it: more than 500 ms
+/// on a loaded machine. Without the names it dies as fast as one without a sanitizer.
+void let_clients_die_at_once() {
+  for (const char* options : {"ASAN_OPTIONS", "TSAN_OPTIONS"}) {
+    const char* before = std::getenv(options);
+    ::setenv(options, (std::string(before != nullptr ? before : "") + ":symbolize=0").c_str(), 1);
+  }
+}
+
 TEST_CASE("one datagram that aborts Aravis costs a lost camera for a moment, and nothing worse", "[isolation]") {
+  let_clients_die_at_once();
   const GigeServerSettings served = small_sensor();
   const auto start = steady_clock::now();
   GigeServer server(served);
@@ -457,6 +468,7 @@ TEST_CASE("one datagram that aborts Aravis costs a lost camera for a moment, and
 }
 
 TEST_CASE("10000 malformed datagrams never take the process down, and the camera comes back", "[isolation][flood]") {
+  let_clients_die_at_once();
   const GigeServerSettings served = small_sensor();
   const auto start = steady_clock::now();
   GigeServer server(served);
