@@ -155,7 +155,7 @@ void TagImageModel::set(const TagAppearance& appearance) {
         const Eigen::RowVector2d direction_px = n * line.per_px;
         const double sigma2 = variance * line.per_px * line.per_px;
         const double fourth_powers = std::pow(direction_px.x(), 4) + std::pow(direction_px.y(), 4);
-        line.fourth = -fourth_powers / (2880.0 * sigma2 * sigma2);
+        line.fourth = appearance.excess / 24.0 - fourth_powers / (2880.0 * sigma2 * sigma2);
       }
   if (moved) {
     stops_.clear();

@@ -37,6 +37,9 @@ struct TagAppearance {
   Vector value = Vector::Zero();
   /// Way of the image while it was exposed [px]; the blur above is what is left without it.
   Eigen::Vector2d motion_px = Eigen::Vector2d::Zero();
+  /// Excess kurtosis of that blur across any border: -1 for the disc of a defocused lens, positive for long tails. To
+  /// first order, as an Edgeworth series has it.
+  double excess = 0.0;
 
   /// Sigma of the whole spread, motion included, its mean over directions [px].
   [[nodiscard]] double blur_px() const {

@@ -159,6 +159,7 @@ class TagFit {
   [[nodiscard]] int thinning() const { return std::max(1, static_cast<int>(region_.side_px / 500.0)); }
   void refit(bool noise_anew, double times_enough = 1.0);
   void ask_for_motion();
+  void ask_for_shape();
   void ask();
   void forgo();
   void reweigh();
@@ -178,6 +179,7 @@ class TagFit {
   bool bleed_ = false;
   bool tone_ = false;
   bool motion_ = false;
+  bool shape_ = false;
   bool robust_ = false;
 };
 
@@ -256,6 +258,67 @@ void TagFit::ask_for_motion() {
   refit(motion_);
 }
 
+/// Is the blur a Gaussian? The grey values follow its excess kurtosis linearly, so one step from nothing is its fit.
+void TagFit::ask_for_shape() {
+  // Optics that spread less than a pixel show no shape: the pixel's box and the Gaussian hide it.
+  constexpr double least_blur_px = 1.0;
+  constexpr double most_excess = 1.0;  // beyond, a series of one term is no kernel any more
+  const TagAppearance gaussian = model_.appearance();
+  if (gaussian.blur_px() < least_blur_px) return;
+  struct Found {
+    double excess, score;
+  };
+  const auto look = [&](std::vector<TagSample> samples) -> Found {
+    constexpr double step = 0.1;
+    TagAppearance other = gaussian;
+    other.excess = step;
+    model_.set(other);
+    std::vector<TagSample> waves = samples;
+    (void)model_.equations(waves);
+    model_.set(gaussian);
+    const Equations at = model_.equations(samples);
+    double slope = 0.0;
+    double own = 0.0;
+    for (std::size_t i = 0; i < samples.size(); ++i) {
+      const TagSample& sample = samples[i];
+      const double by = (waves[i].modelled - sample.modelled) / step;
+      const bool clipped = sample.grey >= highest_grey || sample.grey <= lowest_grey;
+      waves[i].weight = clipped ? 0.0F : sample.weight;
+      waves[i].grey = sample.modelled - static_cast<float>(by);
+      const double weight = waves[i].weight / sample.variance;
+      slope += weight * by * (sample.modelled - sample.grey);
+      own += weight * by * by;
+    }
+    const A::Vector cross_all = model_.equations(waves).gradient;
+    Eigen::VectorXd cross(static_cast<Eigen::Index>(free_.size()));
+    Eigen::VectorXd gradient(cross.size());
+    for (Eigen::Index i = 0; i < cross.size(); ++i) {
+      cross[i] = cross_all[free_[static_cast<std::size_t>(i)]];
+      gradient[i] = at.gradient[free_[static_cast<std::size_t>(i)]];
+    }
+    const Eigen::VectorXd solved = reduced(at.hessian, free_).ldlt().solve(cross);
+    const double information = own - cross.dot(solved);
+    const double rest = slope - gradient.dot(solved);
+    if (!(information > 1e-9 * own)) return {0.0, 0.0};
+    return {-rest / information, rest * rest / information / (std::max(1.0, quality_.chi2_per_pixel) * alike_)};
+  };
+  // A quarter of the pixels shows a quarter of the score, and spares most images the rest.
+  constexpr std::size_t share = 4;
+  std::vector<TagSample> some;
+  for (std::size_t i = 0; i < samples_.size(); i += share) some.push_back(samples_[i]);
+  if (look(std::move(some)).score < score_threshold / static_cast<double>(share)) return;
+  const Found found = look(samples_);
+  if (found.score < score_threshold) return;
+  const double cost = fit_.at.cost;
+  TagAppearance shaped = gaussian;
+  shaped.excess = std::clamp(found.excess, -most_excess, most_excess);
+  model_.set(shaped);
+  refit(false, leading);
+  shape_ = fit_.converged && fit_.at.cost < cost;
+  if (!shape_) model_.set(gaussian);
+  refit(shape_);
+}
+
 /// Which further terms the image asks for: by score tests, which need no refit (notes on detection, section 9).
 void TagFit::ask() {
   for (int round = 0; round < 2; ++round) {
@@ -327,6 +390,7 @@ std::optional<Unrefined> TagFit::run(const Corners& coarse, const Eigen::Matrix<
   const auto variance = [](const PixelNoise& noise) { return noise.black + noise.white + 2.0 * rounding_variance; };
   if (std::abs(variance(again) / variance(noise_) - 1.0) > 0.15) refit(true);
   ask_for_motion();
+  ask_for_shape();
   ask();
   if (quality_.largest > largest_by_noise * quality_.scale || quality_.spread > heavy_tails * quality_.scale) reweigh();
   forgo();
@@ -351,6 +415,7 @@ std::string TagFit::terms(bool lens) const {
   std::string words = "homography+slope+blur";
   if (lens) words += "+lens";
   if (motion_) words += "+motion";
+  if (shape_) words += "+shape";
   if (quality_.clipped > 0.01) words += "+saturation";
   if (bleed_) words += "+bleed";
   if (tone_) words += "+tone";
@@ -432,6 +497,8 @@ PhotometricExplanation explained(const TagImageModel& model, const TagRegion& re
   result.white = p[A::white];
   result.black = p[A::white] - p[A::drop];
   result.blur_px2 << p[A::blur_xx], p[A::blur_xy], p[A::blur_xy], p[A::blur_yy];
+  const Vector2& motion_px = model.appearance().motion_px;
+  result.blur_px2 += motion_px * motion_px.transpose() / 12.0;
   result.bleed_modules = p[A::bleed];
   result.tone_exponent = p[A::tone];
   return result;

@@ -31,7 +31,7 @@ struct PhotometricExplanation {
   cv::Mat1f modelled;  ///< the model's grey values there; NaN outside of the print
   double white = 0.0;  ///< light at the tag's centre [grey levels]
   double black = 0.0;
-  Eigen::Matrix2d blur_px2 = Eigen::Matrix2d::Zero();  ///< the pixel's box included
+  Eigen::Matrix2d blur_px2 = Eigen::Matrix2d::Zero();  ///< the pixel's box and motion included
   double bleed_modules = 0.0;
   double tone_exponent = 1.0;
   double noise_black = 0.0, noise_white = 0.0;  ///< sigma, rounding included [grey levels]
