@@ -210,6 +210,8 @@ std::string set_to_html(const std::vector<SetResult>& results) {
   if (paper == nullptr) paper = find(results, "default", "paper");
   const SetResult* servo = find(results, "default", "servo");
   if (servo == nullptr) servo = find(results, "straight_start", "servo");
+  const std::string compared = ablation(results);
+  if (!compared.empty()) paper = servo = nullptr;  // none of its members stands for its strategy
   std::vector<FigureData> data;
   std::string rows;
   if (paper != nullptr) {
@@ -231,7 +233,7 @@ std::string set_to_html(const std::vector<SetResult>& results) {
     for (const FigureData& one : data) html += figure_10_start(one);
     for (const FigureData& one : data) html += figure_10(one);
   }
-  html += ablation(results) + faults(results) + campaigns(results) + html_limits();
+  html += compared + faults(results) + campaigns(results) + html_limits();
   return html + "</body></html>\n";
 }
 
