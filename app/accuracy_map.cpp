@@ -5,6 +5,7 @@
 #include <cmath>
 #include <cstdio>
 
+#include "app/sensor_error_file.h"
 #include "app/simulation/draws.h"
 #include "servo/pose_filter.h"
 
@@ -120,16 +121,15 @@ std::vector<double> values_of(const std::vector<AccuracyCell>& cells, double Acc
 }
 
 struct Quantity {
-  const char* key;
   const char* title;
   double Pose2::*member;
   double factor;  // to the unit that is shown
   double good, bad;
 };
 constexpr std::array<Quantity, 3> quantities = {
-    {{"rms_along_mm", "along the line of sight [mm]", &Pose2::x, 1e3, 0.1, 10.0},
-     {"rms_across_mm", "across the line of sight [mm]", &Pose2::y, 1e3, 0.1, 30.0},
-     {"rms_heading_deg", "heading [degrees]", &Pose2::yaw, 180.0 / 3.14159265358979323846, 0.005, 1.0}}};
+    {{"along the line of sight [mm]", &Pose2::x, 1e3, 0.002, 10.0},
+     {"across the line of sight [mm]", &Pose2::y, 1e3, 0.005, 30.0},
+     {"heading [degrees]", &Pose2::yaw, 180.0 / 3.14159265358979323846, 0.0002, 1.0}}};
 
 // From green over yellow to red by the logarithm.
 std::string colour(double value, double good, double bad) {
@@ -184,39 +184,29 @@ std::string accuracy_csv(const std::vector<AccuracyCell>& cells) {
 }
 
 std::string accuracy_yaml(const AccuracyMapWish& wish, const std::vector<AccuracyCell>& cells) {
-  const std::vector<double> distances = values_of(cells, &AccuracyCell::distance);
-  const std::vector<double> bearings = values_of(cells, &AccuracyCell::bearing);
-  const std::vector<double> places = values_of(cells, &AccuracyCell::place);
-  const auto list = [](const std::vector<double>& values, double factor) {
-    std::string text;
-    for (const double value : values) text += (text.empty() ? "[" : ", ") + print("%.4g", factor * value);
-    return text + "]";
-  };
-  std::string text =
-      "# How well one frame tells the robot's pose, measured with rendered images and the real detector: rms error of\n"
-      "# the camera point along and across the line of sight and of the heading. Rows: bearing of the lens off the\n"
-      "# board's normal; columns: distance. A block for each place of the board's centre in the image (share of the\n"
-      "# half width, left of the middle). -1: not seen.\n";
-  text += print("method: %s\nframes: %d\ntags: %d\n", std::string(word(wish.locator.method)).c_str(), wish.frames,
-                static_cast<int>(wish.board.tags.size()));
-  text += print("image_width: %d\nfocal_length_px: %.2f\n", wish.rig.camera.width, wish.rig.camera.fx);
-  text += "distance_m: " + list(distances, 1.0) + "\nbearing_deg: " + list(bearings, degrees(1.0)) + "\n";
-  text += "places:\n";
-  for (const double place : places) {
-    text += print("  - place: %.3g\n", place);
-    for (const Quantity& quantity : quantities) {
-      text += print("    %s:\n", quantity.key);
-      for (const double bearing : bearings) {
-        std::vector<double> row;
-        for (const double distance : distances) {
-          const AccuracyCell* cell = find(cells, distance, bearing, place);
-          row.push_back(cell != nullptr && is_known(*cell) ? quantity.factor * (cell->rms().*quantity.member) : -1.0);
+  SensorErrorFile file;
+  file.method = word(wish.locator.method);
+  file.frames = wish.frames;
+  file.tags = static_cast<int>(wish.board.tags.size());
+  file.tag_size = wish.board.tags.front().size;
+  file.image_width = wish.rig.camera.width;
+  file.focal_length_px = wish.rig.camera.fx;
+  SensorErrors& errors = file.errors;
+  errors.distances = values_of(cells, &AccuracyCell::distance);
+  errors.bearings = values_of(cells, &AccuracyCell::bearing);
+  errors.places = values_of(cells, &AccuracyCell::place);
+  for (const double place : errors.places)
+    for (const double bearing : errors.bearings)
+      for (const double distance : errors.distances) {
+        const AccuracyCell* cell = find(cells, distance, bearing, place);
+        if (cell == nullptr || !is_known(*cell)) {
+          errors.cells.emplace_back();
+          continue;
         }
-        text += "      - " + list(row, 1.0) + "\n";
+        const Pose2 rms = cell->rms();
+        errors.cells.push_back(SensorErrors::Sigma{rms.x, rms.y, rms.yaw});
       }
-    }
-  }
-  return text;
+  return to_yaml(file);
 }
 
 std::string accuracy_html(const AccuracyMapWish& wish, const std::vector<AccuracyCell>& cells,
@@ -254,8 +244,7 @@ std::string accuracy_html(const AccuracyMapWish& wish, const std::vector<Accurac
             continue;
           }
           const double value = quantity.factor * (cell->rms().*quantity.member);
-          html += "<td style=\"background:" + colour(value, quantity.good, quantity.bad) + "\">" +
-                  print(value < 0.1 ? "%.3f" : "%.2f", value);
+          html += "<td style=\"background:" + colour(value, quantity.good, quantity.bad) + "\">" + print("%.2g", value);
           if (cell->mirrored > 0) html += print(" <b>(%d of %d mirrored)</b>", cell->mirrored, cell->seen);
           html += "</td>";
         }

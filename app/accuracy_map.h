@@ -49,7 +49,7 @@ std::vector<AccuracyCell> measure_accuracy(const AccuracyMapWish& wish,
 /// accuracy_map.csv: a line a cell.
 std::string accuracy_csv(const std::vector<AccuracyCell>& cells);
 
-/// The error model as YAML, for those who plan or fuse: rms errors over distance, bearing and place.
+/// The sensor errors that the estimator and the planner read (`detection.sensor_errors`), as YAML.
 std::string accuracy_yaml(const AccuracyMapWish& wish, const std::vector<AccuracyCell>& cells);
 
 /// accuracy_map.html: a coloured table for each quantity and place in the image.

@@ -179,6 +179,7 @@ RunRecord run_servo(const RunSettings& settings, std::uint64_t seed, RunTrace* t
     docking.dock_pose = taught->T_station_base * camera_point(settings.config.rig);
     docking.dock_pose_taught = true;
     docking.dock_pose_covariance = taught->covariance;
+    docking.taught_hang = taught->hang;
   }
   Docker docker(settings.config.rig, docking);
   bool over = false;
@@ -204,14 +205,16 @@ RunRecord run_servo(const RunSettings& settings, std::uint64_t seed, RunTrace* t
 }
 
 // Stands until the filter has fused `count` sightings, and gives those; fewer if they did not come.
-std::vector<PlanarSighting> look_at_standstill(Run& run, PoseFilter& filter, std::size_t count) {
-  std::vector<PlanarSighting> fused;
+std::vector<RestSighting> look_at_standstill(Run& run, PoseFilter& filter, std::size_t count) {
+  std::vector<RestSighting> fused;
   while (fused.size() < count && run.now() < std::chrono::seconds(30)) {
     const Tick tick = run.read([&](nanoseconds time) { return filter.predicted_view(time); });
     for (const Odometry& reading : tick.odometry) filter.predict(reading);
     if (const BoardSighting* seen = tick.sighting ? std::get_if<BoardSighting>(&*tick.sighting) : nullptr) {
       const FilterUpdate update = filter.update(*seen);
-      if (update.use == SightingUse::fused || update.use == SightingUse::acquired) fused.push_back(*update.sighting);
+      const std::optional<Pose2> T_odom_base = filter.T_odom_base(seen->time);
+      if (T_odom_base && (update.use == SightingUse::fused || update.use == SightingUse::acquired))
+        fused.push_back(rest_sighting(*update.sighting, *seen, *T_odom_base));
     }
     run.drive({}, milliseconds(20));
   }
@@ -298,14 +301,16 @@ std::optional<Fix> taught_pose(const RunSettings& settings, std::uint64_t seed) 
   start.range_sigma = start.bearing_sigma = start.bearing_spread = start.heading_sigma = start.heading_spread =
       start.castor_sigma = 0.0;
   before.scenario.station.moved = {};
+  before.scenario.station.sunk = before.scenario.station.lean = 0.0;
   before.scenario.faults = {};
   Run run(before, seed);
   PoseFilter filter(settings.config.rig, settings.config.docking.filter);
-  const std::vector<PlanarSighting> seen = look_at_standstill(run, filter, count);
-  if (seen.size() < count) return std::nullopt;
+  const std::vector<RestSighting> seen = look_at_standstill(run, filter, count);
+  const std::optional<Pose2> T_odom_base = filter.T_odom_base(run.now());
+  if (seen.size() < count || !T_odom_base) return std::nullopt;
   DockingConfig repeatable = settings.config.docking;  // what stays the same at every docking is part of the pose
   repeatable.dock_pose_taught = true;
-  return fix_from(seen, repeatable);
+  return fix_from(seen, *T_odom_base, repeatable);
 }
 
 Rig five_megapixel_rig() {

@@ -1,11 +1,15 @@
 #include "app/config.h"
 
+#include <algorithm>
 #include <chrono>
 #include <stdexcept>
+
+#include <Eigen/LU>
 
 #include "app/failure.h"
 #include "app/fields.h"
 #include "app/rig_file.h"
+#include "app/sensor_error_file.h"
 
 namespace tagdock {
 namespace {
@@ -81,6 +85,31 @@ void visit(Fields& fields, TagLocatorConfig& locator) {
   fields.number("sigma_height_mm", locator.sigma_height_mm, 0.01, 10000.0);
 }
 
+// Standard deviations, and what is common to them.
+void visit_covariance(Fields& fields, Eigen::Matrix3d& covariance) {
+  const Eigen::Vector3d before = covariance.diagonal().cwiseSqrt();
+  Eigen::Vector3d sigma = before;
+  fields.number("sigma_x_m", sigma.x(), 0.0, 1.0);
+  fields.number("sigma_y_m", sigma.y(), 0.0, 1.0);
+  fields.degrees("sigma_yaw_deg", sigma.z(), 0.0, 45.0);
+  const auto common = [&](int i, int j) {
+    return before(i) > 0.0 && before(j) > 0.0 ? covariance(i, j) / (before(i) * before(j)) : 0.0;
+  };
+  std::vector<double> correlation = {common(0, 1), common(0, 2), common(1, 2)};
+  const std::vector<double> correlation_before = correlation;
+  fields.numbers("correlation", correlation, 3, 3);
+  if (sigma == before && correlation == correlation_before) return;
+  Eigen::Matrix3d shape = Eigen::Matrix3d::Identity();
+  shape(0, 1) = shape(1, 0) = correlation[0];
+  shape(0, 2) = shape(2, 0) = correlation[1];
+  shape(1, 2) = shape(2, 1) = correlation[2];
+  fields.require(shape.determinant() >= 0.0 && *std::max_element(correlation.begin(), correlation.end()) <= 1.0 &&
+                     *std::min_element(correlation.begin(), correlation.end()) >= -1.0,
+                 "correlation",
+                 "of x with y, x with yaw and y with yaw must each be between -1 and 1 and fit together");
+  covariance = sigma.asDiagonal() * shape * sigma.asDiagonal();
+}
+
 void visit(Fields& fields, DockingConfig& docking) {
   fields.group("dock_pose", [&](Fields& inner) {
     inner.number("x_m", docking.dock_pose.x, -20.0, 0.0);
@@ -92,18 +121,19 @@ void visit(Fields& fields, DockingConfig& docking) {
   docking.errand = errand == "dock" ? Errand::dock : Errand::undock;
   fields.group("taught", [&](Fields& inner) {
     inner.flag("measured", docking.dock_pose_taught);
-    Eigen::Vector3d sigma = docking.dock_pose_covariance.diagonal().cwiseSqrt();
-    inner.number("sigma_x_m", sigma.x(), 0.0, 1.0);
-    inner.number("sigma_y_m", sigma.y(), 0.0, 1.0);
-    inner.degrees("sigma_yaw_deg", sigma.z(), 0.0, 45.0);
-    if (sigma != docking.dock_pose_covariance.diagonal().cwiseSqrt())
-      docking.dock_pose_covariance = sigma.cwiseAbs2().asDiagonal();
+    visit_covariance(inner, docking.dock_pose_covariance);
+    inner.require(docking.dock_pose_taught == (docking.dock_pose_covariance.diagonal().minCoeff() > 0.0), "measured",
+                  "goes with sigma_x_m, sigma_y_m and sigma_yaw_deg above 0, and those with measured: true; "
+                  "`tagdock teach` writes them together");
     bool hang = docking.taught_hang.has_value();
     inner.flag("board_checked", hang);
+    inner.require(!hang || docking.dock_pose_taught, "board_checked", "needs measured: true: it is part of teaching");
     BoardHang taught = docking.taught_hang.value_or(BoardHang{});
     inner.number("camera_height_m", taught.camera_height, -10.0, 10.0);
     inner.degrees("roll_deg", taught.roll, -45.0, 45.0);
     inner.degrees("pitch_deg", taught.pitch, -45.0, 45.0);
+    inner.require(!hang || taught.camera_height != 0.0, "board_checked",
+                  "needs camera_height_m, roll_deg and pitch_deg as they were seen; `tagdock teach` writes them");
     if (hang)
       docking.taught_hang = taught;
     else
@@ -179,6 +209,19 @@ void visit(Fields& fields, DockingConfig& docking) {
     inner.degrees("yaw_deg", docking.fix.tolerance_yaw, 0.01, 45.0);
     inner.integer("sightings", docking.fix.sightings, 1, 1000);
   });
+  fields.group("fix", [&](Fields& inner) {
+    std::string method = docking.fix.method == FixMethod::smoothed ? "smoothed" : "average";
+    inner.word("method", method, {"smoothed", "average"});
+    docking.fix.method = method == "smoothed" ? FixMethod::smoothed : FixMethod::average;
+    inner.number("lasting_corner_px", docking.fix.smoother.lasting_px, 0.001, 10.0);
+    inner.number("untaught_corner_px", docking.fix.untaught_corner_px, 0.0, 1.0);
+  });
+  fields.group("slip", [&](Fields& inner) {
+    inner.degrees("yaw_deg", docking.slip.yaw, 0.1, 90.0);
+    inner.number("yaw_way_m", docking.slip.yaw_way, 0.02, 5.0);
+    inner.number("place_m", docking.slip.place, 0.001, 1.0);
+    inner.number("place_way_m", docking.slip.place_way, 0.02, 5.0);
+  });
   fields.group("retry", [&](Fields& inner) {
     inner.integer("retries", docking.back_off.retries, 0, 10);
     inner.number("camera_distance_m", docking.back_off.camera_distance, 0.3, 10.0);
@@ -196,10 +239,19 @@ void visit(Fields& fields, Config& config) {
   fields.group("ros2", [&](Fields& inner) { visit(inner, config.ros2); });
   fields.group("rig", [&](Fields& inner) { visit(inner, config.rig); });
   fields.group("board", [&](Fields& inner) { visit(inner, config.board); });
-  fields.group("detection", [&](Fields& inner) { visit(inner, config.locator); });
+  fields.group("detection", [&](Fields& inner) {
+    visit(inner, config.locator);
+    inner.word("sensor_errors", config.sensor_errors, {});
+  });
   fields.group("docking", [&](Fields& inner) { visit(inner, config.docking); });
   fields.group("simulation", [&](Fields& inner) {
     inner.word("scenario", config.simulation.scenario, {});
+    inner.group("taught_at", [&](Fields& at) {
+      at.flag("known", config.simulation.taught_at_known);
+      at.number("x_m", config.simulation.taught_at.x, -20.0, 20.0);
+      at.number("y_m", config.simulation.taught_at.y, -20.0, 20.0);
+      at.degrees("yaw_deg", config.simulation.taught_at.yaw, -180.0, 180.0);
+    });
     inner.group("faults", [&](Fields& faults) {
       faults.number("camera_dies_at_s", config.simulation.faults.camera_dies_at_s, 0.0, 1e6);
       faults.number("odometry_nan_at_s", config.simulation.faults.odometry_nan_at_s, 0.0, 1e6);
@@ -217,6 +269,9 @@ Config read_config(YamlMap map) {
   map.finish();
   config.locator.detector.family = config.board.family;
   config.docking.rig = config.rig;
+  config.docking.board = config.board;
+  config.docking.filter.sensor =
+      sensor_errors_of(config.sensor_errors, config.rig, config.board, map.file() + ": detection.sensor_errors");
   config.docking.gate.declared_latency =
       nanoseconds(static_cast<std::int64_t>(std::llround(config.camera.latency_ms * 1e6)));
   try {

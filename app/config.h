@@ -30,6 +30,9 @@ struct CameraConfig {
 /// The simulated world; nothing that docks reads it.
 struct SimulationConfig {
   std::string scenario;  ///< file; the built-in default one if empty
+  /// Where the camera point truly was when the docking pose was taught; reports hold the true error against it.
+  bool taught_at_known = false;
+  Pose2 taught_at;
   SimulationFaults faults;
 };
 
@@ -41,6 +44,8 @@ struct Config {
   Rig rig = default_rig();
   Board board = default_board(0.35);
   TagLocatorConfig locator;
+  /// How well one frame tells the pose: none, shipped (where rig and board are the default ones) or a file.
+  std::string sensor_errors = "shipped";
   DockingConfig docking;
   SimulationConfig simulation;
 };

@@ -267,8 +267,8 @@ class Docking {
       devices_.clock->sleep_until(end + std::chrono::milliseconds(500));
       (void)devices_.robot->read();
       const Pose2 truth = devices_.true_camera_point();
-      report.true_error = Pose2{truth.x - config_.docking.dock_pose.x, truth.y - config_.docking.dock_pose.y,
-                                wrap_angle(truth.yaw - config_.docking.dock_pose.yaw)};
+      const Pose2& dock = config_.simulation.taught_at_known ? config_.simulation.taught_at : config_.docking.dock_pose;
+      report.true_error = Pose2{truth.x - dock.x, truth.y - dock.y, wrap_angle(truth.yaw - dock.yaw)};
     }
     talk_.clear();
     constexpr double sharp_px = 1.0;

@@ -53,6 +53,7 @@ ExitCode exit_code(const DockingReport& report) {
     case Cause::odometry_jump:
     case Cause::robot_link:
     case Cause::stalled:
+    case Cause::slipped:
       return ExitCode::robot_link;
     case Cause::stopped_by_person:
     case Cause::cancelled:

@@ -1,14 +1,17 @@
 // Verb: evaluate. Campaigns of simulated dockings, and what they come to.
+#include <array>
 #include <chrono>
 #include <cstdio>
 #include <ctime>
 #include <filesystem>
 #include <fstream>
 #include <iostream>
+#include <optional>
 #include <sstream>
 #include <thread>
 #include <unistd.h>
 
+#include "app/campaign_agreement.h"
 #include "app/campaign_set.h"
 #include "app/evaluate_measurements.h"
 #include "app/evaluation_report.h"
@@ -20,6 +23,10 @@
 
 namespace tagdock {
 namespace {
+
+// Members of the set that --images both makes.
+constexpr const char* with_images = "images";
+constexpr const char* with_drawn_corners = "drawn_corners";
 
 struct EvaluateOptions {
   CampaignWish wish;
@@ -125,6 +132,13 @@ nlohmann::ordered_json write_results(const std::filesystem::path& folder, const 
   return json;
 }
 
+// Of a set that --images both made.
+std::optional<std::array<SigmaRatio, 3>> agreement_of(const std::vector<SetResult>& results) {
+  if (results.size() != 2 || results[0].name != with_images || results[1].name != with_drawn_corners)
+    return std::nullopt;
+  return sigma_ratios(results[0].records, results[1].records);
+}
+
 void write_set(const EvaluateOptions& options, const std::vector<SetResult>& results) {
   const std::filesystem::path folder = options.output;
   nlohmann::ordered_json all;
@@ -135,9 +149,19 @@ void write_set(const EvaluateOptions& options, const std::vector<SetResult>& res
     one.erase("schema");
     all["campaigns"][result.name] = std::move(one);
   }
+  std::string words = set_summary(results);
+  if (const auto ratios = agreement_of(results)) {
+    const std::array<const char*, 3> names = {"x", "y", "yaw"};
+    for (std::size_t i = 0; i < 3; ++i)
+      all["sigma_with_images_over_drawn"][names[i]] = {{"ratio", (*ratios)[i].ratio},
+                                                       {"low", (*ratios)[i].low},
+                                                       {"high", (*ratios)[i].high},
+                                                       {"pairs", (*ratios)[i].pairs}};
+    words += agreement_words(*ratios);
+  }
   write(folder / "summary.json", all.dump(2) + "\n");
   write(folder / "report.html", set_to_html(results));
-  std::cout << (options.json ? all.dump(2) + "\n" : set_summary(results));
+  std::cout << (options.json ? all.dump(2) + "\n" : words);
 }
 
 // CPU time of this process.
@@ -176,9 +200,18 @@ std::vector<SetMember> members_of(const EvaluateOptions& options) {
     for (const std::filesystem::path& file : scenario_files(word)) wish.scenarios.push_back(file.string());
   const bool both = options.wish.strategy == "both";
   if (both && wish.scenarios.empty()) wish.scenarios = {scenario_files("all").front().parent_path() / "default.yaml"};
-  if (!both && wish.scenarios.size() <= 1 && options.rigs.size() <= 1) {
+  const bool one_campaign = !both && wish.scenarios.size() <= 1 && options.rigs.size() <= 1;
+  if (options.images == "both" && !one_campaign)
+    throw Failure(ExitCode::usage,
+                  "--images both compares one campaign with itself: give one strategy, scenario and rig");
+  if (one_campaign) {
     CampaignWish one = wish.common;
     if (!wish.scenarios.empty()) one.scenario = wish.scenarios.front();
+    if (options.images == "both") {
+      CampaignWish seen = one;
+      seen.images = true;
+      return {{with_images, settings_of(seen), options.runs}, {with_drawn_corners, settings_of(one), options.runs}};
+    }
     return {{"", settings_of(one), options.runs}};
   }
   wish.strategies = both ? std::vector<std::string>{"paper", "servo"} : std::vector<std::string>{options.wish.strategy};
@@ -253,9 +286,11 @@ void add_evaluate(CLI::App& program, Action& action) {
                    "docking pose, and what calibration and survey leave stays in the error")
       ->check(CLI::IsMember({"on", "off"}))
       ->capture_default_str();
-  verb->add_option("--images", options->images,
-                   "on: rendered and seen by the detector; off: true corners with drawn errors, a hundred times faster")
-      ->check(CLI::IsMember({"on", "off"}))
+  verb->add_option(
+          "--images", options->images,
+          "on: rendered and seen by the detector; off: true corners with drawn errors, a hundred times faster; "
+          "both: the same seeds both ways, and how well they agree")
+      ->check(CLI::IsMember({"on", "off", "both"}))
       ->capture_default_str();
   verb->add_option("--image-runs", options->image_runs,
                    "in a set: dockings in scenarios with dirt or other light, which always have images")
@@ -277,7 +312,8 @@ void add_evaluate(CLI::App& program, Action& action) {
       "  tagdock evaluate --runs 1000 --strategy paper --output paper\n"
       "  tagdock evaluate --runs 1000 --strategy both --scenario all --output everything\n"
       "  tagdock evaluate --runs 200 --ablation --output ablation\n"
-      "  tagdock evaluate --runs 20 --images on --output seen");
+      "  tagdock evaluate --runs 20 --images on --output seen\n"
+      "  tagdock evaluate --runs 100 --images both --output agreement");
   add_step_response(*verb, action);
   add_paper_tables(*verb, action);
   add_measurements(*verb, action);

@@ -20,6 +20,7 @@ int main(int argc, char** argv) {
   Action action;
   add_dock(program, action);
   add_undock(program, action);
+  add_teach(program, action);
   add_replay(program, action);
   add_detect(program, action);
   add_plan(program, action);

@@ -14,6 +14,7 @@ void add_plan(CLI::App& program, Action& action);
 void add_detect(CLI::App& program, Action& action);
 void add_dock(CLI::App& program, Action& action);
 void add_undock(CLI::App& program, Action& action);
+void add_teach(CLI::App& program, Action& action);
 void add_replay(CLI::App& program, Action& action);
 void add_evaluate(CLI::App& program, Action& action);
 void add_docks(CLI::App& program, Action& action);

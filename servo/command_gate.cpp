@@ -67,6 +67,8 @@ std::string_view word(Cause cause) {
       return "robot link";
     case Cause::stalled:
       return "stalled";
+    case Cause::slipped:
+      return "slipped";
     case Cause::stopped_by_person:
       return "stopped by a person";
     case Cause::cancelled:

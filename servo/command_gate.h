@@ -31,6 +31,7 @@ enum class Cause {
   odometry_jump,      ///< moved farther than the robot can
   robot_link,         ///< the robot is silent
   stalled,            ///< the robot does not move although commanded to
+  slipped,            ///< the wheels turn otherwise than the robot moves
   stopped_by_person,  ///< operator or guard
   cancelled           ///< by the operator, who did not ask for a stop
 };

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <cstdio>
 #include <utility>
 
@@ -11,6 +12,12 @@ namespace {
 constexpr std::size_t enough_ages = 5;  // to know the latency
 
 double seconds(std::chrono::nanoseconds time) { return std::chrono::duration<double>(time).count(); }
+
+// Phases in which the wheels rest, or turn the robot on the spot.
+bool stands(const Phase& phase) {
+  return std::holds_alternative<Acquiring>(phase) || std::holds_alternative<Validating>(phase) ||
+         std::holds_alternative<Fixing>(phase) || std::holds_alternative<Paused>(phase) || is_over(phase);
+}
 
 DockingConfig with_rig(const Rig& rig, DockingConfig config) {
   config.rig = rig;
@@ -25,6 +32,7 @@ Docker::Docker(const Rig& rig, const DockingConfig& config)
       filter_(rig, config.filter),
       gate_(config.gate),
       phase_(first_phase(config.errand, std::chrono::nanoseconds(0))),
+      slip_(config.slip),
       declared_latency_(config.gate.declared_latency) {}
 
 std::optional<Eigen::Isometry3d> Docker::predicted_view(std::chrono::nanoseconds time) const {
@@ -39,6 +47,11 @@ std::optional<Reason> Docker::take_odometry(const Tick& tick) {
     if (std::optional<Reason> fault = odometry_fault(odometry_, reading, limits)) return fault;
     if (odometry_ && reading.time == odometry_->time) continue;  // the same reading once more
     filter_.predict(reading);
+    if (odometry_) {
+      const Pose2 motion = between(odometry_->T_odom_base, reading.T_odom_base);
+      const double way = std::copysign(std::hypot(motion.x, motion.y), motion.x);
+      travelled_ = way * travelled_ < 0.0 ? way : travelled_ + way;
+    }
     odometry_ = reading;
     odometry_arrived_ = tick.now;
   }
@@ -64,6 +77,7 @@ std::optional<Reason> Docker::take_odometry(const Tick& tick) {
 }
 
 void Docker::take_sighting(const Tick& tick, TickResult& result) {
+  rest_.reset();
   if (!tick.sighting) return;
   const BoardSighting* board = std::get_if<BoardSighting>(&*tick.sighting);
   const std::optional<std::chrono::nanoseconds> time = board != nullptr ? std::optional(board->time) : tick.frame_time;
@@ -88,6 +102,14 @@ void Docker::take_sighting(const Tick& tick, TickResult& result) {
     if (use != SightingUse::invalid && use != SightingUse::too_old && use != SightingUse::rejected) {
       sighting_time_ = board->time;
     }
+    if (stands(phase_))
+      slip_.reset();
+    else if (const auto sentence = slip_.take(*result.sighting, std::abs(travelled_)))
+      slipped_ = Reason{Cause::slipped, *sentence};
+    const bool fused = use == SightingUse::fused || use == SightingUse::fused_without_yaw;
+    if (const auto T_odom_base = filter_.T_odom_base(board->time);
+        T_odom_base && fused && std::holds_alternative<Fixing>(phase_))
+      rest_ = rest_sighting(*result.sighting->sighting, *board, *T_odom_base);
     if (use == SightingUse::lost) {
       result.events.push_back({tick.now, "sightings do not fit the estimate any more; it is dropped"});
     }
@@ -125,6 +147,7 @@ Inputs Docker::inputs_of(const Tick& tick, const TickResult& result) const {
     inputs.sighting_age = tick.now - *sighting_time_;
   }
   inputs.sighting = result.sighting;
+  inputs.rest = rest_;
   if (tick.sighting && std::holds_alternative<Unseen>(*tick.sighting)) inputs.unseen = std::get<Unseen>(*tick.sighting);
   if (frame_time_) inputs.frame_age = tick.now - *frame_time_;
   inputs.declared_latency = declared_latency_;
@@ -158,6 +181,10 @@ TickResult Docker::tick(const Tick& tick) {
     gate_.latch(*fault);
   }
   take_sighting(tick, result);
+  if (slipped_ && !is_over(phase_)) {
+    enter(Stopped{job_of(phase_), *slipped_}, slipped_->sentence, tick.now, result);
+    gate_.latch(*slipped_);
+  }
   result.estimate = filter_.estimate(tick.now);
 
   Twist2 wanted;

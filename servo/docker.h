@@ -78,6 +78,10 @@ class Docker {
   std::optional<std::chrono::nanoseconds> last_tick_;
   std::optional<Odometry> odometry_;
   std::optional<std::chrono::nanoseconds> odometry_arrived_;
+  double travelled_ = 0.0;  ///< by the wheels without a change of direction [m]; negative backwards
+  SlipWatch slip_;
+  std::optional<Reason> slipped_;
+  std::optional<RestSighting> rest_;  ///< of this cycle
   std::optional<std::chrono::nanoseconds> frame_time_;
   std::optional<std::chrono::nanoseconds> sighting_time_;
   std::chrono::nanoseconds declared_latency_;          ///< of the configuration, or as measured standing

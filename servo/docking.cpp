@@ -84,6 +84,13 @@ Step failed(const Job& job, Reason reason, std::optional<Fix> fix = std::nullopt
   return {Failed{job, std::move(reason), std::move(fix)}, {}, std::move(sentence)};
 }
 
+// Where the back-off before an attempt ends: from the same place the same way would be missed again.
+double back_off_to(const Job& job, const DockingConfig& config) {
+  const double near = config.back_off.camera_distance;
+  if (job.giving_up) return near;
+  return std::max(near, std::min(near + config.back_off.farther * (job.attempts - 1), job.came_from));
+}
+
 // The attempt did not succeed: another one after a back-off, or the end with the first cause.
 Step next_attempt(const Job& job, const Reason& reason, const Inputs& inputs, const DockingConfig& config,
                   std::optional<Fix> fix = std::nullopt) {
@@ -183,12 +190,13 @@ Step leave(const Acquiring& now, const Inputs& inputs, const DockingConfig& conf
 
 Step acquired(const Acquiring& now, const Inputs& inputs, const DockingConfig& config, const std::string& found) {
   if (config.errand == Errand::undock) return leave(now, inputs, config, found);
+  Job job = now.job;
+  if (job.came_from == 0.0) job.came_from = camera_distance(inputs.estimate->T_station_base, config);
   if (const std::optional<Path> path = run_in_path(now.job, inputs, config)) {
-    Job job = now.job;
     job.ran_in = true;
     return {RunningIn{job, inputs.now, *path, {}}, {}, found + ", room for a castor run-in"};
   }
-  return {Validating{now.job, inputs.now}, {}, found};
+  return {Validating{job, inputs.now}, {}, found};
 }
 
 Step step_acquiring(const Acquiring& before, const Inputs& inputs, const DockingConfig& config) {
@@ -407,6 +415,23 @@ std::optional<Step> planned(const Validating& now, const Inputs& inputs, const D
   return std::nullopt;
 }
 
+// Whether one frame at the dock tells less than the tolerance asks for, as far as the sensor's errors were measured.
+std::optional<std::string> unsure_at_dock(const DockingConfig& config) {
+  if (!config.filter.sensor) return std::nullopt;
+  const auto measured =
+      lens_covariance(*config.filter.sensor, config.dock_pose, 0.5 * horizontal_view(config.rig.camera));
+  if (!measured) return std::nullopt;
+  const Eigen::Vector3d sigma = measured->diagonal().cwiseSqrt();
+  if (sigma.x() <= config.fix.tolerance_x && sigma.y() <= config.fix.tolerance_y &&
+      sigma.z() <= config.fix.tolerance_yaw)
+    return std::nullopt;
+  return text(
+      "from the docking pose the camera tells x, y and yaw by %.1f mm, %.1f mm and %.2f degrees only (sensor errors as "
+      "measured), but the tolerance is %.1f mm, %.1f mm and %.2f degrees; dock nearer or use a board with turned tags",
+      1e3 * sigma.x(), 1e3 * sigma.y(), degrees(sigma.z()), 1e3 * config.fix.tolerance_x, 1e3 * config.fix.tolerance_y,
+      degrees(config.fix.tolerance_yaw));
+}
+
 Step step_validating(const Validating& now, const Inputs& inputs, const DockingConfig& config) {
   if (!inputs.estimate) return acquire_again(now.job, inputs, config, "while planning");
   const Pose2 T_goal_base = between(goal_of_axle(config), inputs.estimate->T_station_base);
@@ -414,6 +439,8 @@ Step step_validating(const Validating& now, const Inputs& inputs, const DockingC
       std::abs(wrap_angle(T_goal_base.yaw)) < config.fix.tolerance_yaw) {
     return {Fixing{now.job, inputs.now, {}}, {}, "the robot stands at the dock already"};
   }
+  if (const std::optional<std::string> unsure = unsure_at_dock(config))
+    return failed(now.job, {Cause::no_plan, *unsure});
   const EntryCheck entry = entry_check(now.job, *inputs.estimate, config);
   if (entry.good) {
     Servoing servoing;
@@ -433,7 +460,9 @@ Step step_validating(const Validating& now, const Inputs& inputs, const DockingC
     return {again, {}, {}};
   }
   constexpr double worth = 0.2;  // m; a shorter back-off changes nothing
-  if (camera_distance(inputs.estimate->T_station_base, config) + worth > config.back_off.camera_distance) {
+  Job next = now.job;
+  ++next.attempts;
+  if (camera_distance(inputs.estimate->T_station_base, config) + worth > back_off_to(next, config)) {
     return failed(now.job, now.job.first_cause ? *now.job.first_cause : reason);
   }
   return next_attempt(now.job, reason, inputs, config);
@@ -578,12 +607,10 @@ Step step_fixing(const Fixing& before, const Inputs& inputs, const DockingConfig
     now.sightings.clear();
     return {now, {}, {}};
   }
-  if (inputs.sighting && is_fused(*inputs.sighting) && inputs.sighting->sighting->time > now.since) {
-    now.sightings.push_back(*inputs.sighting->sighting);
-  }
+  if (inputs.rest && inputs.rest->planar.time > now.since) now.sightings.push_back(*inputs.rest);
   if (static_cast<int>(now.sightings.size()) < config.fix.sightings) return {now, {}, {}};
 
-  const std::optional<Fix> fix = fix_from(now.sightings, config);
+  const std::optional<Fix> fix = fix_from(now.sightings, inputs.odometry.T_odom_base, config);
   if (const std::optional<std::string> change = changed_hang(fix->hang, config))
     return failed(now.job, {Cause::dock_changed, *change}, fix);
   const Eigen::Vector3d sigma = fix->covariance.diagonal().cwiseSqrt();
@@ -612,7 +639,7 @@ Step step_backing_off(const BackingOff& before, const Inputs& inputs, const Dock
   if (late) return timed_out(now, inputs, config);
   if (!now.reached) {
     const LineCommand line =
-        back_along_line(line_target(now.job, config), inputs.estimate->T_station_base, config.back_off.camera_distance,
+        back_along_line(line_target(now.job, config), inputs.estimate->T_station_base, back_off_to(now.job, config),
                         inputs.last_command, inputs.odometry.velocity.linear, inputs.step, config.line);
     if (line.reached) now.reached = inputs.now;
     return {now, against_pull(line.command, *inputs.estimate), {}};
@@ -722,6 +749,9 @@ void check(const DockingConfig& config) {
           "fix.sightings and acquire.sightings must be at least 1");
   require(config.fix.tolerance_x > 0.0 && config.fix.tolerance_y > 0.0 && config.fix.tolerance_yaw > 0.0,
           "the tolerances of fix must be above 0");
+  require(config.slip.yaw > 0.0 && config.slip.yaw_way > 0.0 && config.slip.place > 0.0 &&
+              config.slip.place_way > 0.0 && config.slip.sightings >= 1,
+          "the limits of slip must be above 0");
   require(config.back_off.retries >= 0, "back_off.retries must not be negative");
   require(config.entry.min_run_in <= config.entry.run_in,
           text("run_in.least_m is %g m; it must be at most run_in.wanted_m, %g m", config.entry.min_run_in,
@@ -835,9 +865,15 @@ std::span<const Transition> transitions() {
   return table;
 }
 
-std::optional<Fix> fix_from(std::span<const PlanarSighting> sightings, const DockingConfig& config) {
-  if (sightings.empty()) return std::nullopt;
+std::optional<Fix> fix_from(std::span<const RestSighting> rests, const Pose2& T_odom_base,
+                            const DockingConfig& config) {
+  if (rests.empty()) return std::nullopt;
   const Pose2 ahead = camera_point(config.rig);
+  std::vector<PlanarSighting> sightings;
+  for (const RestSighting& rest : rests) {
+    sightings.push_back(rest.planar);
+    sightings.back().T_station_base = rest.planar.T_station_base * between(rest.T_odom_base, T_odom_base);
+  }
   const Pose2 about = sightings.front().T_station_base * ahead;
 
   // Everything below is of the camera point: [x y yaw] against the first sighting's.
@@ -876,11 +912,31 @@ std::optional<Fix> fix_from(std::span<const PlanarSighting> sightings, const Doc
   constexpr double enough = 20.0;
   const double values = 3.0 * (count - 1.0);
   const double scatter = values < enough ? std::max(1.0, fix.chi2) : fix.chi2 * values / (values - 2.0);
+  fix.covariance = scatter * information.inverse();
+  Pose2 point{about.x + mean.x(), about.y + mean.y(), about.yaw + mean.z()};
+  bool cancels = config.dock_pose_taught;
+  if (config.fix.method == FixMethod::smoothed) {
+    const std::optional<SmoothedRest> smoothed =
+        smooth_rest(rests, T_odom_base, point * inverse(ahead), config.rig, config.board, config.fix.smoother);
+    if (smoothed) {
+      point = smoothed->T_station_base * ahead;
+      Eigen::Matrix3d camera_by_base = Eigen::Matrix3d::Identity();
+      camera_by_base(0, 2) = -(point.y - smoothed->T_station_base.y);
+      camera_by_base(1, 2) = point.x - smoothed->T_station_base.x;
+      fix.covariance = camera_by_base * smoothed->covariance * camera_by_base.transpose();
+      by_pixel = camera_by_base * smoothed->covariance_per_px2 * camera_by_base.transpose();
+      const double lasting_px = std::max(config.filter.corner_bias_px, smoothed->lasting_px);
+      bias = lasting_px * lasting_px * by_pixel;
+      fix.chi2 = smoothed->chi2;
+    } else if (!config.board.tags.empty()) {
+      // The average weighs the corners in another way than the pose was taught with: what they leave does not cancel.
+      cancels = false;
+    }
+  }
   const double position = config.fix.calibration_position * config.fix.calibration_position;
   const double turn = config.fix.calibration_yaw * config.fix.calibration_yaw;
-  fix.covariance = scatter * information.inverse();
-  if (config.dock_pose_taught) {
-    fix.covariance += config.dock_pose_covariance;
+  if (config.dock_pose_taught) fix.covariance += config.dock_pose_covariance;
+  if (cancels) {
     fix.covariance += config.fix.untaught_corner_px * config.fix.untaught_corner_px * by_pixel;
   } else {
     fix.covariance += bias;
@@ -895,7 +951,6 @@ std::optional<Fix> fix_from(std::span<const PlanarSighting> sightings, const Doc
   fix.hang.roll = -std::atan2(up.y(), up.z());
   fix.hang.pitch = std::atan2(up.x(), up.z());
 
-  const Pose2 point{about.x + mean.x(), about.y + mean.y(), about.yaw + mean.z()};
   fix.T_station_base = point * inverse(ahead);
   fix.error = {point.x - config.dock_pose.x, point.y - config.dock_pose.y,
                wrap_angle(point.yaw - config.dock_pose.yaw)};

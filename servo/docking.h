@@ -18,6 +18,8 @@
 #include "servo/marker_centering.h"
 #include "servo/odometry_controller.h"
 #include "servo/pose_filter.h"
+#include "servo/rest_smoother.h"
+#include "servo/slip_watch.h"
 
 namespace tagdock {
 
@@ -80,7 +82,15 @@ struct ServoConfig {
   std::chrono::nanoseconds timeout = std::chrono::seconds(40);
 };
 
+/// How the sightings of a standstill become one pose.
+enum class FixMethod {
+  average,  ///< weighted mean of the frames' poses
+  smoothed  ///< least squares over the corners of all frames; the average where that is not possible
+};
+
 struct FixConfig {
+  FixMethod method = FixMethod::smoothed;
+  RestSmootherConfig smoother;
   int sightings = 20;
   double tolerance_x = 0.003;     ///< m
   double tolerance_y = 0.003;     ///< m
@@ -91,15 +101,16 @@ struct FixConfig {
   double calibration_position = 0.0;  ///< m
   double calibration_yaw = 0.0;       ///< rad
   /// What does not cancel against a taught docking pose: an edge's error depends on how it lies on the pixels, and the
-  /// robot does not come to rest on the very same. 0.004 px is what the fits leave without noise on 100 px tags
-  /// (corner_bench); twelve rendered dockings were off by 0.037 mm (rms) in y, for which this says 0.04 mm.
-  double untaught_corner_px = 0.004;
+  /// robot does not come to rest on the very same. 0.001 px is what stays at a corner from frame to frame where nothing
+  /// moves (data/corner_errors/best.yaml: 0.0007 to 0.0012 px).
+  double untaught_corner_px = 0.001;
   std::chrono::nanoseconds timeout = std::chrono::seconds(6);
 };
 
 struct BackOffConfig {
   int retries = 2;
-  double camera_distance = 2.5;  ///< m before the board
+  double camera_distance = 2.5;  ///< m before the board ...
+  double farther = 0.4;  ///< ... and so much more for each attempt that failed, up to where the robot came from [m]
   /// Share of the lateral miss that the next attempt aims against, and its largest value; the line law leaves a
   /// constant offset under a constant disturbance (notes on docking, 5.3), which another attempt alone would repeat.
   double learning = 1.0;
@@ -146,6 +157,7 @@ DockingPlanConfig entry_plan();
 struct DockingConfig {
   Errand errand = Errand::dock;
   Rig rig = default_rig();          ///< Docker puts its own here
+  Board board;                      ///< for FixMethod::smoothed and the planner's view; without tags neither is used
   Pose2 dock_pose{-1.0, 0.0, 0.0};  ///< of the camera point in the station frame
   /// The docking pose was measured by this robot standing there: what calibration and survey leave is in it too, and
   /// cancels. Otherwise those count as uncertainty of the fix.
@@ -166,6 +178,7 @@ struct DockingConfig {
   double lengths_per_lag = 1.0;
   LineLawConfig line;
   SwingConfig swing;
+  SlipConfig slip;
   MarkerCenteringConfig centering;
   AcquireConfig acquire;
   EntryConfig entry;
@@ -203,6 +216,7 @@ struct Inputs {
   std::optional<PoseEstimate> estimate;  ///< for now
   std::optional<MarkerView> view;        ///< of the board's middle: newest sighting, carried on by odometry
   std::optional<FilterUpdate> sighting;  ///< of this cycle
+  std::optional<RestSighting> rest;      ///< the same with its corners, where it was fused at the dock
   std::optional<Unseen> unseen;          ///< a frame of this cycle that showed no board
   std::optional<std::chrono::nanoseconds> frame_age;     ///< of the newest frame; none before the first
   std::optional<std::chrono::nanoseconds> sighting_age;  ///< of the newest sighting; none before the first
@@ -232,6 +246,7 @@ struct Job {
   std::optional<Reason> first_cause;  ///< of the first attempt that failed
   bool ran_in = false;                ///< the castors have had their straight run
   bool turn_allowed = true;           ///< in place; not any more once a path was driven
+  double came_from = 0.0;             ///< camera before the board where it was first measured [m]; 0 before
   /// Beside the dock's line (left positive) where the next run aims [m]: what the last one missed by, against what
   /// repeats itself (camera yaw, unequal wheels, a floor that pulls).
   double aim = 0.0;
@@ -285,7 +300,7 @@ struct Servoing {
 struct Fixing {
   Job job;
   std::chrono::nanoseconds since{0};
-  std::vector<PlanarSighting> sightings;
+  std::vector<RestSighting> sightings;
 };
 /// Drive backwards along the dock's line.
 struct BackingOff {
@@ -358,9 +373,11 @@ struct Step {
 /// One cycle. Pure: the same arguments give the same result to the last bit.
 Step step(const Phase& now, const Inputs& inputs, const DockingConfig& config);
 
-/// The average of sightings at standstill, with what averaging does not take out.
+/// One pose from the sightings of a standstill (FixConfig::method), with what more of them do not take out.
+/// @param T_odom_base  newest odometry: where the robot rests, which may still have rolled when it was seen
 /// @return none without sightings
-std::optional<Fix> fix_from(std::span<const PlanarSighting> sightings, const DockingConfig& config);
+std::optional<Fix> fix_from(std::span<const RestSighting> sightings, const Pose2& T_odom_base,
+                            const DockingConfig& config);
 
 /// Way left to the goal, for showing [m].
 std::optional<double> distance_to_go(const Phase& phase, const std::optional<PoseEstimate>& estimate,

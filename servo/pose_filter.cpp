@@ -16,6 +16,8 @@ double seconds(Clock time) { return std::chrono::duration<double>(time).count();
 
 Eigen::Vector3d difference(const Pose2& a, const Pose2& b) { return {a.x - b.x, a.y - b.y, wrap_angle(a.yaw - b.yaw)}; }
 
+Pose2 pose_of(const Eigen::Vector3d& values) { return {values.x(), values.y(), values.z()}; }
+
 // Motion at constant velocity.
 Pose2 moved(const Pose2& start, const Twist2& velocity, double time) {
   const double turn = velocity.angular * time;
@@ -182,6 +184,7 @@ PoseFilter::State PoseFilter::moved_on(const State& before, const Pose2& motion)
   after.reading.T_odom_base = before.reading.T_odom_base * motion;
   const CastorPush castors = push(before.castors, motion, rig_.odometry.track, config_.castors);
   after.castors = castors.after;
+  after.castor_turn += std::abs(before.lasting(0) * castors.around);
   if (!has_estimate_) return after;
 
   // What odometry does not see bends the chord by half of it.
@@ -197,7 +200,8 @@ PoseFilter::State PoseFilter::moved_on(const State& before, const Pose2& motion)
   after.T_station_base = {before.T_station_base.x + step.x(), before.T_station_base.y + step.y(),
                           wrap_angle(before.T_station_base.yaw + motion.yaw + turned)};
 
-  Matrix7 by_state = Matrix7::Identity();
+  // Only the pose moves: the lasting values and their covariance stay as they are.
+  Eigen::Matrix<double, 3, 7> by_state = Eigen::Matrix<double, 3, 7>::Identity();
   const Eigen::Vector2d by_heading(-step.y(), step.x());
   by_state.block<2, 1>(0, 2) = by_heading;
   by_state.block<2, 1>(0, 3) = 0.5 * castors.around * by_heading + castors.aside * Eigen::Vector2d(-s, c);
@@ -205,8 +209,11 @@ PoseFilter::State PoseFilter::moved_on(const State& before, const Pose2& motion)
   by_state.block<2, 1>(0, 5) = motion.x * Eigen::Vector2d(c, s);
   by_state(2, 3) = castors.around;
   by_state(2, 4) = motion.x;
-  const Matrix7 result = by_state * before.covariance * by_state.transpose();
-  after.covariance = 0.5 * (result + result.transpose());
+  const Eigen::Matrix<double, 3, 7> moved = by_state.lazyProduct(before.covariance);
+  const Eigen::Matrix3d of_pose = moved.lazyProduct(by_state.transpose());
+  after.covariance.topLeftCorner<3, 3>() = 0.5 * (of_pose + of_pose.transpose());
+  after.covariance.topRightCorner<3, 4>() = moved.rightCols<4>();
+  after.covariance.bottomLeftCorner<4, 3>() = moved.rightCols<4>().transpose();
   after.covariance.topLeftCorner<3, 3>() += drift(motion, before.T_station_base.yaw, config_);
   after.covariance(3, 3) +=
       config_.castors.scrub_wander * config_.castors.scrub_wander * std::hypot(motion.x, motion.y);
@@ -251,7 +258,7 @@ PoseFilter::State PoseFilter::state_at(std::size_t before, std::chrono::nanoseco
 
 FilterUpdate PoseFilter::update(const BoardSighting& seen) {
   if (!seen.T_camera_station.matrix().allFinite() || !seen.covariance.allFinite() || std::isnan(seen.log_odds)) {
-    return {SightingUse::invalid, std::nullopt, 0.0};
+    return {SightingUse::invalid, std::nullopt, 0.0, {}, {}, 0.0};
   }
   // The sighting's covariance is already as wide as its misfit. Most of a misfit is the same in every frame (survey of
   // the board, lens model), so averaging must not take it out; only a share of it is new each time.
@@ -265,10 +272,11 @@ FilterUpdate PoseFilter::update(const BoardSighting& seen) {
   PlanarSighting sighting = planar_sighting(rig_, seen.time, seen.T_camera_station, covariance, bias_share);
   if (variance > 0.0) sighting.covariance_per_px2 = sighting.covariance / (fresh * variance);
   if (!is_finite(sighting.T_station_base) || !is_usable(sighting.covariance)) {
-    return {SightingUse::invalid, std::nullopt, 0.0};
+    return {SightingUse::invalid, std::nullopt, 0.0, {}, {}, 0.0};
   }
+  no_surer_than_measured(sighting);
   if (!state_before(seen.time) || (last_time_ && seen.time <= *last_time_))
-    return {SightingUse::too_old, sighting, 0.0};
+    return {SightingUse::too_old, sighting, 0.0, {}, {}, 0.0};
   last_time_ = seen.time;
   last_sighting_ = sighting;
 
@@ -278,8 +286,26 @@ FilterUpdate PoseFilter::update(const BoardSighting& seen) {
     if (!is_finite(mirrored->T_station_base) || !is_usable(mirrored->covariance)) mirrored.reset();
   }
   if (has_estimate_) return fuse(sighting, mirrored, seen.log_odds);
-  if (mirrored) return {SightingUse::ambiguous, sighting, 0.0};
+  if (mirrored) return {SightingUse::ambiguous, sighting, 0.0, {}, {}, 0.0};
   return acquire(sighting);
+}
+
+void PoseFilter::no_surer_than_measured(PlanarSighting& sighting) const {
+  if (!config_.sensor) return;
+  const Pose2 ahead = camera_point(rig_);
+  const Pose2 lens = sighting.T_station_base * ahead;
+  const std::optional<Eigen::Matrix3d> measured =
+      lens_covariance(*config_.sensor, lens, 0.5 * horizontal_view(rig_.camera));
+  if (!measured) return;
+  Eigen::Matrix3d lens_by_base = Eigen::Matrix3d::Identity();
+  lens_by_base(0, 2) = -(lens.y - sighting.T_station_base.y);
+  lens_by_base(1, 2) = lens.x - sighting.T_station_base.x;
+  const Eigen::Matrix3d claimed =
+      lens_by_base * (sighting.covariance + sighting.bias_covariance) * lens_by_base.transpose();
+  const Eigen::Vector3d missing = (measured->diagonal() - claimed.diagonal()).cwiseMax(0.0);
+  const Eigen::Matrix3d base_by_lens = lens_by_base.inverse();
+  // It is not known to be new in every frame; so it is taken to stay.
+  sighting.bias_covariance += base_by_lens * missing.asDiagonal() * base_by_lens.transpose();
 }
 
 FilterUpdate PoseFilter::acquire(const PlanarSighting& sighting) {
@@ -293,7 +319,7 @@ FilterUpdate PoseFilter::acquire(const PlanarSighting& sighting) {
   if (!candidates_.empty() && !stood(candidates_.back().T_odom_base)) {
     candidates_.clear();
     candidates_.push_back({sighting, T_odom_base});
-    return {SightingUse::moving, sighting, 0.0};
+    return {SightingUse::moving, sighting, 0.0, {}, {}, 0.0};
   }
   candidates_.push_back({sighting, T_odom_base});
   while (candidates_.size() > static_cast<std::size_t>(config_.sightings_remembered)) candidates_.pop_front();
@@ -308,7 +334,7 @@ FilterUpdate PoseFilter::acquire(const PlanarSighting& sighting) {
     }
   }
   if (agreeing.size() < static_cast<std::size_t>(config_.sightings_to_acquire)) {
-    return {SightingUse::collected, sighting, 0.0};
+    return {SightingUse::collected, sighting, 0.0, {}, {}, 0.0};
   }
 
   // Weighted by information, about the newest one.
@@ -345,7 +371,7 @@ FilterUpdate PoseFilter::acquire(const PlanarSighting& sighting) {
   seen_ = sighting.time;
   rejects_ = 0;
   candidates_.clear();
-  return {SightingUse::acquired, sighting, 0.0};
+  return {SightingUse::acquired, sighting, 0.0, {}, {}, 0.0};
 }
 
 FilterUpdate PoseFilter::fuse(const PlanarSighting& first, const std::optional<PlanarSighting>& mirrored,
@@ -375,18 +401,20 @@ FilterUpdate PoseFilter::fuse(const PlanarSighting& first, const std::optional<P
   if (!(d2 < config_.gate)) {
     if (++rejects_ >= config_.rejects_until_lost) {
       forget();
-      return {SightingUse::lost, sighting, d2};
+      return {SightingUse::lost, sighting, d2, {}, {}, 0.0};
     }
     // One of the two is wrong; the estimate is believed less from now on (notes on docking, 4.6).
     for (State& state : states_) state.covariance *= config_.doubt;
-    return {SightingUse::rejected, sighting, d2};
+    return {SightingUse::rejected, sighting, d2, pose_of(difference(sighting.T_station_base, expected)), {},
+            prior.castor_turn};
   }
   rejects_ = 0;
 
   const Eigen::Matrix3d noise = sighting.covariance + sighting.bias_covariance;
   const Eigen::Matrix3d innovation = spread + noise;
   const Eigen::Matrix<double, 7, 3> gain = innovation.ldlt().solve(by_seen.transpose()).transpose();
-  const Eigen::Matrix<double, 7, 1> change = gain * difference(sighting.T_station_base, expected);
+  const Eigen::Vector3d innovated = difference(sighting.T_station_base, expected);
+  const Eigen::Matrix<double, 7, 1> change = gain * innovated;
   const Matrix7 rest = Matrix7::Identity() - gain * by_state;
   State updated = prior;
   updated.T_station_base = {prior.T_station_base.x + change(0), prior.T_station_base.y + change(1),
@@ -410,7 +438,12 @@ FilterUpdate PoseFilter::fuse(const PlanarSighting& first, const std::optional<P
   }
   bias_covariance_ = sighting.bias_covariance;
   seen_ = sighting.time;
-  return {settled ? SightingUse::fused : SightingUse::fused_without_yaw, sighting, d2};
+  return {settled ? SightingUse::fused : SightingUse::fused_without_yaw,
+          sighting,
+          d2,
+          pose_of(innovated),
+          pose_of(change.head<3>()),
+          prior.castor_turn};
 }
 
 std::optional<PoseEstimate> PoseFilter::estimate(std::chrono::nanoseconds time) const {

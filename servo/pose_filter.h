@@ -12,6 +12,7 @@
 #include "calibration/rig.h"
 #include "detection/tag_pose.h"
 #include "planning/pose2.h"
+#include "planning/sensor_errors.h"
 #include "servo/castors.h"
 #include "servo/robot.h"
 
@@ -78,6 +79,8 @@ struct PoseFilterConfig {
   /// What takes the yaw of an unsettled sighting out of the fusion [rad].
   double unsettled_yaw = 0.0873;
   std::size_t readings_remembered = 200;  ///< odometry readings, 4 s at 50 Hz
+  /// How well one frame tells the pose, as measured: a sighting that claims more counts no more than this.
+  std::optional<SensorErrors> sensor;
 };
 
 /// Where the robot is.
@@ -118,6 +121,10 @@ struct FilterUpdate {
   SightingUse use = SightingUse::invalid;
   std::optional<PlanarSighting> sighting;  ///< the pose that was fused, collected or rejected
   double distance2 = 0.0;                  ///< squared Mahalanobis distance from the estimate at image time; 0 without
+  // In the station frame, of the axle; zero unless fused or rejected:
+  Pose2 innovation;          ///< seen less expected
+  Pose2 correction;          ///< what the estimate was changed by
+  double castor_turn = 0.0;  ///< rad that the castors are believed to have turned the robot by, either way, so far
 };
 
 /// Odometry and sightings -> pose of the axle in the station frame: an extended Kalman filter over x, y, yaw, the
@@ -158,6 +165,7 @@ class PoseFilter {
   struct State {
     Odometry reading;
     CastorAngles castors;
+    double castor_turn = 0.0;  ///< rad, either way, all along
     // Only with an estimate:
     Pose2 T_station_base;
     Lasting lasting = Lasting::Zero();
@@ -168,6 +176,7 @@ class PoseFilter {
     Pose2 T_odom_base;
   };
 
+  void no_surer_than_measured(PlanarSighting& sighting) const;
   FilterUpdate acquire(const PlanarSighting& sighting);
   FilterUpdate fuse(const PlanarSighting& sighting, const std::optional<PlanarSighting>& mirrored, double log_odds);
   [[nodiscard]] std::optional<std::size_t> state_before(std::chrono::nanoseconds time) const;

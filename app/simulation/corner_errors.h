@@ -10,9 +10,13 @@ namespace tagdock {
 struct CornerErrors {
   std::vector<double> side_px;     ///< rising
   std::vector<double> noise_px;    ///< new in every frame
-  std::vector<double> bias_px;     ///< the same for a whole run: drawn once per corner coordinate
+  std::vector<double> bias_px;     ///< the same from frame to frame where nothing moves: one draw per corner coordinate
   double noise_per_blur_px = 0.0;  ///< more noise per px that the corner moves during the exposure
   double claimed_share = 1.0;      ///< the sigma that is told with a corner, over `noise_px`
+  /// Whether `bias_px` goes with how the corner lies on the pixels, as a real detector's does: it comes back where the
+  /// corner lies on the same part of a pixel, and a robot that rests half a pixel beside meets another one. Otherwise
+  /// it is the same for a whole run (notes on docking, 4.5).
+  bool bias_follows_pixels = true;
 
   [[nodiscard]] double noise_at(double side) const { return at(noise_px, side); }
   [[nodiscard]] double bias_at(double side) const { return at(bias_px, side); }

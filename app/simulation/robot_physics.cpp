@@ -140,9 +140,15 @@ void RobotPhysics::take_step() {
                            drive_.over_turn_field_sigma * field_.over_turn_and_castors.front().value;
   const double both_radii = 0.5 * (drive_.left_radius_error + drive_.right_radius_error);
   const double difference = field_.wheel_difference + drive_.right_radius_error - drive_.left_radius_error;
-  const double w1 = w * (1.0 + both_radii + over_turn * std::pow(curvature, drive_.over_turn_exponent)) +
-                    v * difference / drive_.track;
-  const double v1 = v * (1.0 + both_radii + field_.speed_scale);
+  double w1 = w * (1.0 + both_radii + over_turn * std::pow(curvature, drive_.over_turn_exponent)) +
+              v * difference / drive_.track;
+  double v1 = v * (1.0 + both_radii + field_.speed_scale);
+  const double right_wheel = -(pose.x + 0.5 * drive_.track * std::sin(pose.yaw));  // m before the wall
+  if (right_wheel < drive_.slick_from && right_wheel > drive_.slick_to) {
+    const double lost = drive_.slick_slip * (v1 + 0.5 * drive_.track * w1);
+    v1 -= 0.5 * lost;
+    w1 -= lost / drive_.track;
+  }
 
   // Castors: each swivels behind its pivot, and scrubs against the floor while it does.
   const double castor_load = drive_.mass * gravity * (1.0 - drive_.drive_load_share) / 4.0;

@@ -85,6 +85,9 @@ std::vector<Key> keys_of(Scenario& scenario) {
       {"drive", "patch_period", &drive.patch_period, 0.05, 20.0},
       {"drive", "patch_friction", &drive.patch_friction, 0.0, 10.0},
       {"drive", "patch_over_turn", &drive.patch_over_turn, -0.5, 0.5},
+      {"drive", "slick_from", &drive.slick_from, 0.0, 10.0},
+      {"drive", "slick_to", &drive.slick_to, 0.0, 10.0},
+      {"drive", "slick_slip", &drive.slick_slip, 0.0, 1.0},
 
       {"camera", "frame_rate", &camera.frame_rate, 1.0, 200.0},
       {"camera", "exposure_ms", &camera.exposure, 0.01, 100.0, ms},
@@ -114,6 +117,8 @@ std::vector<Key> keys_of(Scenario& scenario) {
       {"station", "moved_x_mm", &station.moved.x, -500.0, 500.0, mm},
       {"station", "moved_y_mm", &station.moved.y, -500.0, 500.0, mm},
       {"station", "moved_yaw_deg", &station.moved.yaw, -30.0, 30.0, degree},
+      {"station", "sunk_mm", &station.sunk, -500.0, 500.0, mm},
+      {"station", "lean_deg", &station.lean, -30.0, 30.0, degree},
       {"station", "lamp_strength", &station.lamp_strength, 0.0, 1000.0},
       {"station", "ambient", &station.ambient, 0.0, 100.0},
       {"station", "light_change", &station.light_change, 0.0, 100.0},

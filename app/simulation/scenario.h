@@ -74,6 +74,10 @@ struct DriveScenario {
   double patch_period = 0.8;      ///< m
   double patch_friction = 1.7;    ///< factor on castor friction on a patch
   double patch_over_turn = 0.02;  ///< added with the axle on a patch
+  // Oil on the right wheel's way, between these distances before the wall:
+  double slick_from = 0.0;  ///< m
+  double slick_to = 0.0;    ///< m, the nearer end
+  double slick_slip = 0.0;  ///< share of the wheel's way that is lost there
 
   bool operator==(const DriveScenario&) const = default;
 };
@@ -124,7 +128,9 @@ struct Dirt {
 };
 
 struct StationScenario {
-  Pose2 moved;  ///< of the dock with its board, since teach-in
+  Pose2 moved;        ///< of the dock with its board, since teach-in
+  double sunk = 0.0;  ///< m, the board alone, since teach-in ...
+  double lean = 0.0;  ///< ... and turned about the foot of the wall, its top towards the robot [rad]
   std::vector<Dirt> dirt;
   double lamp_strength = Lamp{}.strength;
   double ambient = Lamp{}.ambient;

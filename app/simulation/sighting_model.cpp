@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <numbers>
 
 #include "app/simulation/draws.h"
 
@@ -52,11 +53,19 @@ SightingModel::SightingModel(const Rig& calibrated, const Board& surveyed, const
     Biases& bias = biases_.emplace_back();
     bias.tag = tag.id;
     for (double& normal : bias.normal) normal = draws.normal();
+    for (double& phase : bias.phase) phase = std::numbers::pi * draws.even();
   }
 }
 
 const SightingModel::Biases& SightingModel::bias_of(int tag) const {
   return *std::find_if(biases_.begin(), biases_.end(), [tag](const Biases& bias) { return bias.tag == tag; });
+}
+
+double SightingModel::on_pixels(const Biases& bias, Eigen::Index place, const Eigen::Vector2d& corner) {
+  const auto wave = [&](double px, Eigen::Index number) {
+    return std::cos(2.0 * std::numbers::pi * px + bias.phase[static_cast<std::size_t>(2 * place + number)]);
+  };
+  return wave(corner.x(), 0) + wave(corner.y(), 1);  // mean square 1
 }
 
 Sighting SightingModel::look(const World& world, std::uint64_t frame, std::chrono::nanoseconds mid_exposure,
@@ -88,7 +97,8 @@ Sighting SightingModel::look(const World& world, std::uint64_t frame, std::chron
       }
       for (Eigen::Index axis = 0; axis < 2; ++axis) {
         const auto place = static_cast<Eigen::Index>(2 * i) + axis;
-        seen.corners_px[i][axis] = (*corners)[i][axis] + sigma * noise.normal() + bias_px * bias.normal[place];
+        const double lasting = errors_.bias_follows_pixels ? on_pixels(bias, place, (*corners)[i]) : bias.normal[place];
+        seen.corners_px[i][axis] = (*corners)[i][axis] + sigma * noise.normal() + bias_px * lasting;
         seen.covariance_px2(place, place) = std::pow(errors_.claimed_share * sigma, 2);
       }
     }

@@ -27,11 +27,13 @@ class SightingModel {
                               const std::optional<Eigen::Isometry3d>& predicted) const;
 
  private:
-  /// Of one tag's corners, in sigmas: the same in every frame of a run.
+  /// Of one tag's corners: the same in every frame of a run.
   struct Biases {
     int tag = 0;
-    std::array<double, 8> normal{};
+    std::array<double, 8> normal{};  ///< in sigmas
+    std::array<double, 16> phase{};  ///< of the error along the pixels, two a coordinate [rad]
   };
+  [[nodiscard]] static double on_pixels(const Biases& bias, Eigen::Index place, const Eigen::Vector2d& corner);
   [[nodiscard]] const Biases& bias_of(int tag) const;
 
   Rig calibrated_;

@@ -87,7 +87,9 @@ Rig true_rig(const Rig& calibrated, const ResidualScenario& residuals, std::uint
 Board true_board(const Board& surveyed, const ResidualScenario& residuals, const StationScenario& station,
                  std::uint64_t seed) {
   Draws draws(seed, board_purpose);
-  const Eigen::Isometry3d moved = in_space(station.moved);
+  Eigen::Isometry3d moved = in_space(station.moved);
+  moved.translation().z() -= station.sunk;
+  moved.rotate(Eigen::AngleAxisd(-station.lean, Eigen::Vector3d::UnitY()));
   Board board = surveyed;
   for (BoardTag& tag : board.tags)
     tag.T_station_tag =

@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <atomic>
 #include <chrono>
+#include <cmath>
 #include <csignal>
 #include <cstdlib>
 #include <filesystem>
@@ -117,6 +118,53 @@ TEST_CASE("a simulated docking ends docked, repeats itself, and its recording re
   const Run other = run(scratch, "replay " + scratch.path("session") + " --compare --method apriltag --json");
   CHECK(other.code == 1);
   CHECK(nlohmann::json::parse(other.out)["differences"].get<int>() > 0);
+}
+
+TEST_CASE("a dock that was taught is docked at, in the very place; a board that sank since is noticed", "[docking]") {
+  const Scratch scratch;
+  const std::string taught = scratch.path("taught.yaml");
+  const Run teaching =
+      run(scratch, "teach --speedup 0 --seed 4 --seconds 2 --dock-pose -1.05,0.02,0.5 --json --output " + taught);
+  INFO(teaching.err);
+  REQUIRE(teaching.code == 0);
+  const nlohmann::json seen = nlohmann::json::parse(teaching.out);
+  // What the robot saw is not where it was: calibration and survey are part of it.
+  CHECK(std::abs(seen["dock_pose"]["y"].get<double>() - seen["true_camera_point"]["y"].get<double>()) > 1e-5);
+  CHECK(seen["sigma"]["y"].get<double>() < 1e-4);
+
+  const Run docking = run(scratch, "dock --speedup 0 --seed 4 --json --config " + taught);
+  INFO(docking.err);
+  REQUIRE(docking.code == 0);
+  const nlohmann::json final = nlohmann::json::parse(docking.out)["final"];
+  // Against where it truly stood when it was taught: inside the tolerance, and as the robot says itself. Without
+  // teaching, what calibration and survey leave would stand between the two (1 mm of the lens' place alone).
+  const auto& truth = final["pose_error_true"];
+  const auto& claim = final["pose_error_estimated"];
+  for (const char* part : {"x", "y"}) {
+    CHECK(std::abs(truth[part].get<double>()) < 0.003);
+    CHECK(std::abs(truth[part].get<double>() - claim[part].get<double>()) < 0.0001);
+  }
+  CHECK(std::abs(truth["yaw"].get<double>()) < 0.0087);
+
+  const Run sunk =
+      run(scratch, "dock --speedup 0 --seed 4 --scenario data/scenarios/board_sunk.yaml --config " + taught);
+  CHECK(sunk.code == 1);
+  CHECK_THAT(sunk.out + sunk.err, Contains("the board hangs") && Contains("teach again"));
+}
+
+TEST_CASE("what cannot be taught is refused, and nothing is written", "[quick]") {
+  const Scratch scratch;
+  const Run nowhere = run(scratch, "teach --speedup 0");
+  CHECK(nowhere.code == 2);
+  CHECK_THAT(nowhere.err, Contains("--output"));
+  const std::string blind = scratch.write("blind.yaml", "simulation: {faults: {no_board: true}}\n");
+  const Run unseen =
+      run(scratch, "teach --speedup 0 --seconds 1 --config " + blind + " --output " + scratch.path("t.yaml"));
+  CHECK(unseen.code == 4);
+  const Run beside = run(scratch, "teach --speedup 0 --dock-pose 1,0,0 --output " + scratch.path("t.yaml"));
+  CHECK(beside.code == 2);
+  CHECK_THAT(beside.err, Contains("--dock-pose is 1,0,0"));
+  CHECK_FALSE(std::filesystem::exists(scratch.path("t.yaml")));
 }
 
 TEST_CASE("over a small receive buffer the docking goes on with coarser pictures of the same view", "[docking]") {

@@ -400,6 +400,24 @@ TEST_CASE("every other fault stops the robot with its reason") {
   }
 }
 
+TEST_CASE("a wheel that spins while the robot drives stops it within 0.3 m, with that reason") {
+  std::optional<nanoseconds> began;
+  double slipped = 0.0;
+  const Fault fault = [&](Tick& tick, PlanarWorld& world, const Docker& docker) {
+    if (!began && name(docker.phase()) == "servoing" && world.velocity().linear > 0.1) began = tick.now;
+    if (!began) return;
+    const double way = 0.02 * world.velocity().linear;  // of one tick
+    slipped += way;
+    world.shift({0.0, 0.0, way});  // 1 rad per metre that the encoders do not see
+  };
+  const Outcome outcome = docking(5, fault);
+  INFO(story(outcome));
+  CHECK(name(outcome.phase) == "stopped");
+  CHECK(cause_of(outcome) == Cause::slipped);
+  check_promises(outcome, test_config());
+  CHECK(slipped < 0.3);
+}
+
 TEST_CASE("odometry that keeps coming but is old: no motion after 100 ms, stopped after 200 ms") {
   std::optional<Odometry> frozen;
   std::optional<nanoseconds> began;
@@ -482,6 +500,27 @@ TEST_CASE("no path: the reason is the planner's") {
   const Outcome outcome = docking(8, {}, config);
   CHECK(cause_of(outcome) == Cause::no_plan);
   CHECK(reason_of(outcome.phase)->sentence.find("walls everywhere") != std::string::npos);
+}
+
+TEST_CASE("a dock from which the sensor cannot tell the pose as well as the tolerance asks is refused when planning") {
+  DockingConfig config = test_config();
+  SensorErrors sensor;
+  sensor.distances = {0.8, 6.0};
+  sensor.bearings = {0.0, radians(60.0)};
+  sensor.places = {0.0, 0.9};
+  sensor.cells.assign(8, SensorErrors::Sigma{0.0005, 0.001, radians(0.1)});
+  config.filter.sensor = sensor;
+  const Rig rig = default_rig();
+  PlanarWorld able(rig, {}, start_pose(rig, 3.45, radians(5.0)), 2);
+  CHECK(name(run_docking(able, rig, config, {}).phase) == "docked");
+
+  config.filter.sensor->cells.assign(8, SensorErrors::Sigma{0.0005, 0.006, radians(0.1)});
+  PlanarWorld unable(rig, {}, start_pose(rig, 3.45, radians(5.0)), 2);
+  const Outcome outcome = run_docking(unable, rig, config, {});
+  INFO(story(outcome));
+  CHECK(cause_of(outcome) == Cause::no_plan);
+  CHECK_THAT(reason_of(outcome.phase)->sentence, Catch::Matchers::Contains("6.0 mm"));
+  for (const std::string& phase : outcome.phases) CHECK(phase != "following");  // nothing was driven
 }
 
 TEST_CASE("sightings too noisy to plan on are refused by name") {

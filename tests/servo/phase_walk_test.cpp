@@ -70,6 +70,8 @@ class Moods {
     inputs.step = milliseconds(20);
     inputs.odometry.time = now_;
     if (inputs.sighting) inputs.sighting->sighting->time = now_;
+    if (inputs.sighting && inputs.sighting->use == SightingUse::fused)
+      inputs.rest = RestSighting{*inputs.sighting->sighting, inputs.odometry.T_odom_base, {}};
     if (swing_ && inputs.estimate) inputs.estimate->T_station_base.yaw += (whole(0, 1) == 0 ? 0.05 : -0.05);
     if (chance(0.002))
       inputs.request = std::array{Request::pause, Request::resume, Request::cancel,
