@@ -85,6 +85,7 @@ void forget_taught(Config& config) {
   docking.dock_pose_taught = false;
   docking.dock_pose_covariance.setZero();
   docking.taught_hang.reset();
+  config.simulation.taught_at_known = false;
 }
 
 // What was asked, as one configuration that is exactly what a recording will hold.
