@@ -77,9 +77,10 @@ Rig read_rig(const std::filesystem::path& file) {
   bool height_known = true;
   map.read("height_known", height_known);
   if (!height_known)
-    map.refuse("height_known",
-               "is false: a planar drive leaves the lens' height open, so the one in T_base_cam is an arbitrary number; "
-               "measure it above the floor by tape and give it to `tagdock calibrate hand-eye --camera-height`");
+    map.refuse(
+        "height_known",
+        "is false: a planar drive leaves the lens' height open, so the one in T_base_cam is an arbitrary number; "
+        "measure it above the floor by tape and give it to `tagdock calibrate hand-eye --camera-height`");
   Rig rig;
   FieldReader reader(map);
   visit(reader, rig);
