@@ -574,6 +574,18 @@ IntrinsicsResult calibrate_intrinsics(const std::vector<CalibrationView>& all, i
       for (const int i : held(lens)) solution.lens[static_cast<std::size_t>(i)] = 0.0;
   } else if (halved) {
     result.ladder.push_back({lens, try_lens(lens)});
+    // The lens was asked for; whether it is good enough is said by richer ones.
+    const double asked_for = result.ladder.front().held_out;
+    for (const LensModel richer : {LensModel::brown4, LensModel::brown5, LensModel::rational}) {
+      if (richer <= lens) continue;
+      result.ladder.push_back({richer, try_lens(richer)});
+      constexpr double much = 1.1;
+      if (asked_for > much * result.ladder.back().held_out && result.complaints.empty())
+        result.complaints.push_back("the lens model " + std::string(word(lens)) + " is too poor: on views not seen " +
+                                    std::string(word(richer)) + " leaves " +
+                                    figure(100.0 * result.ladder.back().held_out / asked_for, 2) +
+                                    " % of what it leaves");
+    }
   }
 
   // 3. The solution, and what it is worth.

@@ -79,6 +79,18 @@ TEST_CASE("a bowed board that is taken for flat is caught by the halves, not by 
   CHECK_FALSE(result.complaints.empty());
 }
 
+TEST_CASE("a lens model that is too poor for the lens is refused, and the better one named") {
+  const Points seen = points(20, 5);
+  IntrinsicsConfig config;
+  config.lens = LensModel::k1;
+  const IntrinsicsResult result = calibrate_intrinsics(seen.views, 1280, 1024, config);
+  CHECK(projection_difference(seen.camera, result.camera).largest() > 1.0);
+  REQUIRE_FALSE(result.complaints.empty());
+  CHECK(result.complaints.front().find("too poor") != std::string::npos);
+  config.lens = LensModel::brown4;
+  CHECK(calibrate_intrinsics(seen.views, 1280, 1024, config).complaints.empty());
+}
+
 TEST_CASE("a dozen nearly frontal views are refused, and the missing ones named") {
   const Points seen = points(12, 7, true);
   const IntrinsicsResult result = calibrate_intrinsics(seen.views, 1280, 1024);
