@@ -4,6 +4,7 @@
 #include <charconv>
 #include <cmath>
 #include <fstream>
+#include <iostream>
 #include <iterator>
 #include <map>
 #include <optional>
@@ -478,6 +479,9 @@ CameraFile CameraFile::load(const std::filesystem::path& file) {
   std::ifstream stream(file, std::ios::binary);
   const std::string text{std::istreambuf_iterator<char>(stream), std::istreambuf_iterator<char>()};
   if (!stream.is_open()) throw Failure(ExitCode::usage, file.string() + ": cannot be opened");
+  for (const char* refused : {"\nverdict: refused", "\nverdict: \"refused\""})
+    if (text.find(refused) != std::string::npos)
+      std::cerr << file.string() << ": its calibration was refused; what is measured with it is not to be trusted\n";
   return parse(text, file.string());
 }
 

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstdio>
 #include <cstdlib>
 #include <fstream>
 #include <sstream>
@@ -175,6 +176,26 @@ ClockOffset align_clocks(const std::vector<TrackerReading>& tracker, const std::
   const auto session_time = [](const Odometry& one) { return std::chrono::duration<double>(one.time).count(); };
   if (odometry.size() < 10)
     throw Failure(ExitCode::usage, "--session: has no odometry to align the tracker's clock by");
+  const auto extent = [](const auto& ways, const auto& pose_of) {
+    double farthest = 0.0;
+    for (const auto& one : ways) {
+      const Pose2 way = between(pose_of(ways.front()), pose_of(one));
+      farthest = std::max(farthest, std::hypot(way.x, way.y));
+    }
+    return farthest;
+  };
+  const double by_odometry = extent(odometry, [](const Odometry& one) { return one.T_odom_base; });
+  const double by_tracker = extent(tracker, [](const TrackerReading& one) { return one.T_tracker_body; });
+  // Slip and a body far from the axle make no factor of ten of a way.
+  constexpr double other_unit = 10.0;
+  if (by_odometry > 0.1 && (by_tracker > other_unit * by_odometry || by_tracker < by_odometry / other_unit)) {
+    char text[160];
+    std::snprintf(
+        text, sizeof text,
+        "--tracker: its way is %.3g m long, the odometry's %.3g m; lengths must be in m, is it in another unit?",
+        by_tracker, by_odometry);
+    throw Failure(ExitCode::usage, text);
+  }
   const Rates of_odometry = rates_of(session_time(odometry.front()), session_time(odometry.back()), [&](double time) {
     return pose_at(odometry, time, longest_gap, session_time, [](const Odometry& one) { return one.T_odom_base; });
   });

@@ -342,6 +342,18 @@ TEST_CASE("what a tracker saw is brought to the robot's clock and frames") {
   Draws wild(9, 1);
   for (TrackerReading& reading : other) reading.T_tracker_body.yaw += wild.normal();
   CHECK_THROWS_AS(align_clocks(other, tracked.way.odometry), Failure);
+  // In millimetres: refused, with both lengths.
+  std::vector<TrackerReading> other_unit = tracked.tracker;
+  for (TrackerReading& reading : other_unit) {
+    reading.T_tracker_body.x *= 1000.0;
+    reading.T_tracker_body.y *= 1000.0;
+  }
+  try {
+    (void)align_clocks(other_unit, tracked.way.odometry);
+    FAIL("millimetres were taken for metres");
+  } catch (const Failure& failure) {
+    CHECK_THAT(failure.what(), Contains("another unit") && Contains(" m long"));
+  }
 }
 
 TEST_CASE("a tracker file that cannot be is refused with its line") {
