@@ -669,7 +669,6 @@ class GigeCamera : public Camera {
         incomplete_since_good_.push_back(counter_.would_be(grabbed.id));
       }
       if (popped == Pop::good && hand_over(grabbed, now, *connection)) {
-        if (now - last_good > loss) say("streaming");
         stale_since_good = 0;
         last_good = quiet_since = now;
         unanswered = 0;
@@ -784,15 +783,20 @@ class GigeCamera : public Camera {
         frame.lost_before - std::min(frame.lost_before, static_cast<std::uint64_t>(in_gap));
     incomplete_since_good_.clear();
     last_number_ = *number;
-    const bool overwrote = mailbox_.put(std::move(frame));
+    // Told before the frame is: whoever has a frame finds the camera streaming, and the frame counted.
     {
       const std::lock_guard<std::mutex> lock(mutex_);
+      enter("streaming");
+      health_.reason.clear();
       ++health_.received;
-      health_.overwritten += overwrote ? 1 : 0;
       health_.lost += never_came;
       health_.resent = connection.resent();
     }
     report();
+    if (mailbox_.put(std::move(frame))) {
+      const std::lock_guard<std::mutex> lock(mutex_);
+      ++health_.overwritten;
+    }
     return true;
   }
 
