@@ -221,6 +221,7 @@ void visit(Fields& fields, DockingConfig& docking) {
     inner.number("yaw_way_m", docking.slip.yaw_way, 0.02, 5.0);
     inner.number("place_m", docking.slip.place, 0.001, 1.0);
     inner.number("place_way_m", docking.slip.place_way, 0.02, 5.0);
+    inner.number("castor_times", docking.slip.castor_times, 0.0, 100.0);
   });
   fields.group("retry", [&](Fields& inner) {
     inner.integer("retries", docking.back_off.retries, 0, 10);

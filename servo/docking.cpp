@@ -752,6 +752,7 @@ void check(const DockingConfig& config) {
   require(config.slip.yaw > 0.0 && config.slip.yaw_way > 0.0 && config.slip.place > 0.0 &&
               config.slip.place_way > 0.0 && config.slip.sightings >= 1,
           "the limits of slip must be above 0");
+  require(config.slip.castor_times >= 0.0, "slip.castor_times must not be below 0");
   require(config.back_off.retries >= 0, "back_off.retries must not be negative");
   require(config.entry.min_run_in <= config.entry.run_in,
           text("run_in.least_m is %g m; it must be at most run_in.wanted_m, %g m", config.entry.min_run_in,

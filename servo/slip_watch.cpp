@@ -42,7 +42,7 @@ std::optional<std::string> SlipWatch::take(const FilterUpdate& update, double tr
   const Pose2 place = since(config_.place_way).corrected;
   const double yaw = turned.corrected.yaw;
   const double distance = std::hypot(place.x, place.y);
-  const bool turned_apart = std::abs(yaw) > config_.yaw + turned.castor_turn;
+  const bool turned_apart = std::abs(yaw) > config_.yaw + config_.castor_times * turned.castor_turn;
   const bool apart = turned_apart || distance > config_.place;
   in_a_row_ = apart ? in_a_row_ + 1 : 0;
   if (fused) {

@@ -10,15 +10,16 @@
 namespace tagdock {
 
 /// Beyond what odometry, castors and unequal wheels explain. Source: notes on docking, 9 (yaw), notes on reliability,
-/// row 17 (place). Castors that turn round push a robot by more than 3 degrees without any slip; so as much is allowed
-/// again as they are believed to have done, and nothing is judged before they have settled to a direction.
+/// row 17 (place). Castors that turn round push a robot by more than 3 degrees without any slip; so twice what they
+/// are believed to have done is allowed again, and nothing is judged before they have settled to a direction.
 struct SlipConfig {
-  double yaw = 0.0524;      ///< rad (3 degrees) ...
-  double yaw_way = 0.3;     ///< ... over this way [m]
-  double place = 0.050;     ///< m ...
-  double place_way = 0.2;   ///< ... over this way [m]
-  int sightings = 3;        ///< in a row that say so; a single one may be wrong itself
-  double castor_way = 0.6;  ///< m in one direction, until castors that stood anywhere trail
+  double yaw = 0.0524;        ///< rad (3 degrees) ...
+  double yaw_way = 0.3;       ///< ... over this way [m]
+  double place = 0.050;       ///< m ...
+  double place_way = 0.2;     ///< ... over this way [m]
+  int sightings = 3;          ///< in a row that say so; a single one may be wrong itself
+  double castor_times = 2.0;  ///< what castors may do unforeseen, to the turn that they are believed to have done
+  double castor_way = 0.6;    ///< m in one direction, until castors that stood anywhere trail
 };
 
 /// What the filter had to put right along the way: how far encoders and camera are apart.
