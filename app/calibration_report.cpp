@@ -128,6 +128,9 @@ Figure against(const std::string& title, const std::string& x_label, const std::
   for (const Vector2d& point : points) most = std::max(most, point.y());
   axes.least = Vector2d(least_x, 0.0);
   axes.most = Vector2d(std::max(most_x, least_x + 1e-3), 1.05 * most);
+  const double beside = 0.03 * (axes.most.x() - axes.least.x());
+  axes.most.x() += beside;
+  if (least_x > beside) axes.least.x() -= beside;
   axes.height = 260.0;
   Figure figure(title, 480.0, 340.0);
   const std::size_t stride = std::max<std::size_t>(1, points.size() / 2500);
@@ -226,7 +229,8 @@ Figure histogram(const IntrinsicsResult& result) {
 
 Figure top_view(const HandEyeProblem& problem, const HandEyeResult& result) {
   // In the board's own plane of the floor: x along the wall to the right, y away from it.
-  Figure figure("stops from above, the board on top; shaded: the cone of 25 degrees", 480.0, 420.0);
+  Figure figure("stops from above, the board on top; shaded: the cone of 25 degrees; orange: frontal, grey: not used",
+                480.0, 420.0);
   std::vector<Vector2d> places;
   std::vector<Vector2d> sights;
   for (std::size_t i = 0; i < result.stops.size(); ++i) {
@@ -257,16 +261,19 @@ Figure top_view(const HandEyeProblem& problem, const HandEyeResult& result) {
     const Ink ink{result.stops[i].used ? (result.stops[i].frontal ? 0xc08000 : 0x1f5fa8) : 0xc0c0c0, -1, 1.0, 1.0};
     figure.circle(axes(places[i]), 4.0, ink);
     figure.line(axes(places[i]), axes(places[i] + 0.12 * reach * sights[i]), blue_line);
-    // Stops beside each other: the number of the first one is enough to find the others.
+    // Below it, where no line of sight runs, and only where it can be read; the table has all of them.
     const std::string name = std::to_string(result.stops[i].id);
-    const Vector2d at = axes(places[i]) + Vector2d(6, -4);
-    const Eigen::AlignedBox2d room(at - Vector2d(0.0, 9.0), at + Vector2d(6.0 * static_cast<double>(name.size()), 0.0));
+    const Vector2d at = axes(places[i]) + Vector2d(0, 13);
+    const Vector2d half(3.0 * static_cast<double>(name.size()), 0.0);
+    const Eigen::AlignedBox2d room(at - half - Vector2d(0.0, 8.0), at + half);
     const bool free = std::none_of(named.begin(), named.end(), [&](const Eigen::AlignedBox2d& other) {
       return !room.intersection(other).isEmpty();
     });
-    if (!free) continue;
+    const bool clear = std::none_of(places.begin(), places.end(),
+                                    [&](const Vector2d& place) { return room.exteriorDistance(axes(place)) < 4.0; });
+    if (!free || !clear) continue;
     named.push_back(room);
-    figure.text(at, name, 9.0);
+    figure.text(at, name, 9.0, 0.5);
   }
   axes.draw(figure, "along the board [m]", "before it [m]");
   return figure;

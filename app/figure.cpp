@@ -171,15 +171,23 @@ void Axes::draw(Figure& figure, const std::string& x_label, const std::string& y
     const std::vector<double> ticks = axis_ticks(least.x(), most.x(), 6);
     for (const double tick : ticks) below((*this)({tick, least.y()}).x(), tick_text(ticks, tick));
   }
-  constexpr double letter = 6.2;  // px, a wide one of this size
-  double free_from = 0.0;
-  for (const auto& [value, name] : names) {
-    const double x = (*this)({value, least.y()}).x();
-    const double half = 0.5 * letter * static_cast<double>(name.size());
-    if (x - half < free_from) continue;
-    below(x, name);
-    free_from = x + half + letter;
-  }
+  // Every first, second, fifth.. name, so that none touches the next.
+  const auto touch = [&](std::size_t stride) {
+    constexpr double letter = 6.0;  // px, of this size
+    constexpr double gap = 3.0;
+    for (std::size_t i = 0; i + stride < names.size(); i += stride) {
+      const double apart = (*this)({names[i + stride].first, 0.0}).x() - (*this)({names[i].first, 0.0}).x();
+      const std::size_t letters = names[i].second.size() + names[i + stride].second.size();
+      if (apart < 0.5 * letter * static_cast<double>(letters) + gap) return true;
+    }
+    return false;
+  };
+  std::size_t stride = 1;
+  for (std::size_t power = 1; touch(stride); power *= 10)
+    for (const std::size_t share : {2, 5, 10})
+      if (touch(stride)) stride = share * power;
+  for (std::size_t i = 0; i < names.size(); i += stride)
+    below((*this)({names[i].first, least.y()}).x(), names[i].second);
   const std::vector<double> ticks = axis_ticks(least.y(), most.y(), 5);
   for (const double tick : ticks) {
     const double y = (*this)({least.x(), tick}).y();
