@@ -130,6 +130,7 @@ int wizard(const WizardOptions& options) {
       throw Failure(ExitCode::usage, line_of("%s %g: is the ruler of 100 mm as measured on the print, between 90 and "
                                              "110 mm",
                                              option, value));
+  CalibrationTarget target = read_target(options.target);
   const CameraArgument argument = parse_camera_argument(options.camera);
   const fs::path folder = options.session;
   std::vector<std::string> inputs{options.target};
@@ -141,14 +142,13 @@ int wizard(const WizardOptions& options) {
       throw Failure(ExitCode::usage, "--session " + options.session + ": is the folder of --camera; name another one");
     for (const std::string& file : files_in(from)) inputs.push_back(file);
   }
+  std::error_code error;
+  fs::create_directories(folder, error);
+  if (error) throw Failure(ExitCode::usage, "--session " + options.session + ": " + error.message());
   // What a session keeps is read when it goes on.
   inputs.push_back((folder / "target.yaml").string());
   for (const fs::path& file : pictures_of(folder)) inputs.push_back(file.string());
   check_outputs({{"--output", options.output}}, inputs);
-  CalibrationTarget target = read_target(options.target);
-  std::error_code error;
-  fs::create_directories(folder, error);
-  if (error) throw Failure(ExitCode::usage, "--session " + options.session + ": " + error.message());
   const bool asks = target.measured.empty() && !fs::exists(folder / "target.yaml");
   if (fs::exists(folder / "target.yaml")) target = read_target(folder / "target.yaml");  // a session that goes on
   if (options.measured_x_mm > 0.0) target.scale_x = options.measured_x_mm / 100.0;

@@ -408,6 +408,29 @@ TEST_CASE("no calibration writes onto what it reads, nor one result onto another
   CHECK(run(scratch, "calibrate target --output " + scratch.path("board.pdf") + " --description " + board).code == 0);
 }
 
+TEST_CASE("the wizard keeps both rulers' lengths, asked for or given, and may write into its session", "[quick]") {
+  const Scratch scratch;
+  const std::string board = scratch.path("board.yaml");
+  REQUIRE(run(scratch, "calibrate target --output " + scratch.path("board.pdf") + " --description " + board).code == 0);
+  std::filesystem::create_directories(scratch.folder / "pictures");
+  scratch.write("pictures/a.png", "no picture");
+  const std::string lengths = scratch.write("lengths", "99.5\n100.25\n");
+  const auto walk = [&](const std::string& session, const std::string& options) {
+    // No picture can be read, so it ends without a camera; what was measured is kept all the same.
+    const std::string arguments =
+        "calibrate wizard --target " + board + " --camera images:" + scratch.path("pictures") + " --session " +
+        scratch.path(session) + " --output " + scratch.path(session + "/camera.yaml") + options;
+    const std::string command = std::string(TAGDOCK_PROGRAM) + " " + arguments + " <" + lengths + " >" +
+                                scratch.path("out") + " 2>" + scratch.path("err");
+    CHECK(std::system(command.c_str()) != 0);
+    CHECK(contents(scratch.folder / "out").empty());
+    return contents(scratch.folder / session / "target.yaml");
+  };
+  CHECK_THAT(walk("asked", ""), Contains("over_drawn_x: 0.995\n") && Contains("over_drawn_y: 1.0025\n"));
+  CHECK_THAT(walk("given", " --measured-x 100.5"),
+             Contains("over_drawn_x: 1.005\n") && Contains("over_drawn_y: 0.995\n"));
+}
+
 TEST_CASE("targets and converted cameras are also told as JSON, and nothing else is on stdout", "[quick]") {
   const Scratch scratch;
   const Run drawn = run(scratch, "calibrate target --kind tag --paper A5 --id 3 --json --output " +
