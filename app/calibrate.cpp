@@ -1,5 +1,4 @@
 // Verb: what our instruments are. Each step of the wizard as a command of its own.
-#include <array>
 #include <cmath>
 #include <cstdio>
 #include <filesystem>
@@ -19,6 +18,7 @@
 #include "app/camera_writer.h"
 #include "app/failure.h"
 #include "app/hand_eye_dataset.h"
+#include "app/output_file.h"
 #include "app/printed_target.h"
 #include "app/rig_file.h"
 #include "app/target_file.h"
@@ -114,13 +114,33 @@ void write_report(const Report& report, const std::string& file) {
 }
 
 /// Writes a camera in another format and says what that format loses.
-void write_format(const CameraModel& camera, const std::string& format, const std::filesystem::path& file) {
+/// @return  the same as JSON
+Json write_format(const CameraModel& camera, const std::string& format, const std::filesystem::path& file) {
   const CameraText text = camera_text(camera, format);
   write_whole(file, text.text);
   char line[256];
   std::snprintf(line, sizeof line, "%s: the format %s loses %.4f px at worst, %.4f px rms", file.string().c_str(),
                 format.c_str(), text.loss.largest_px, text.loss.rms_px);
   std::cerr << line << "\n";
+  return {{"format", format},
+          {"output", file.string()},
+          {"camera", camera_block(text.held)},
+          {"loss_px", {{"max", text.loss.largest_px}, {"rms", text.loss.rms_px}}}};
+}
+
+struct ConvertOptions {
+  std::string camera;
+  std::string format;
+  std::string output;
+  bool json = false;
+};
+
+int convert(const ConvertOptions& options) {
+  (void)camera_extension(options.format);
+  check_outputs({{"--output", options.output}}, {options.camera});
+  const Json block = write_format(CameraFile::load(options.camera).camera(), options.format, options.output);
+  if (options.json) std::cout << block.dump(1) << "\n";
+  return 0;
 }
 
 IntrinsicsConfig config_of(const IntrinsicsOptions& options) {
@@ -175,7 +195,14 @@ int intrinsics(const IntrinsicsOptions& options) {
     throw Failure(ExitCode::usage, "--working-distance " + std::to_string(options.working_distance) +
                                        ": must be a distance in m, above 0 and at most 100");
   const IntrinsicsConfig config = config_of(options);
-  for (const std::string& format : options.formats) (void)camera_extension(format);  // wrong words are told at once
+  std::vector<std::pair<std::string, std::filesystem::path>> outputs{{"--output", options.output},
+                                                                     {"--report", options.report}};
+  for (const std::string& format : options.formats)  // wrong words are told at once
+    outputs.emplace_back("--format " + format,
+                         std::filesystem::path(options.output).replace_extension(camera_extension(format)));
+  std::vector<std::string> inputs = files_in(options.images);
+  inputs.push_back(options.target);
+  check_outputs(outputs, inputs);
   const CalibrationTarget target = read_target(options.target);
   FolderCalibration made = calibrate_from_folder(options.images, target, config);
   const ImageViews& found = made.views;
@@ -186,7 +213,8 @@ int intrinsics(const IntrinsicsOptions& options) {
     for (const TargetLayout::Corner& corner : layout.corners) points.push_back(corner.point);
     for (const ViewWish& wish : next_best_views(result, points, 3)) result.missing.push_back(wish.sentence);
   }
-  const Json block = intrinsics_block(result, found.unreadable);
+  Json block = intrinsics_block(result, found.unreadable);
+  block["quality"]["measured_over_drawn"] = {{"x", target.scale_x}, {"y", target.scale_y}};
   write_result(options.output, block);
   write_report(intrinsics_report(result, options.working_distance), options.report);
   if (result.complaints.empty())
@@ -205,6 +233,9 @@ int hand_eye(const HandEyeOptions& options) {
   if (!(options.camera_height_sigma > 0.0 && options.camera_height_sigma <= 1.0))
     throw Failure(ExitCode::usage, "--camera-height-sigma " + std::to_string(options.camera_height_sigma) +
                                        ": must be above 0 and at most 1 m");
+  std::vector<std::string> inputs = files_in(options.dataset);
+  inputs.push_back(options.camera);
+  check_outputs({{"--output", options.output}, {"--report", options.report}}, inputs);
   HandEyeProblem problem = read_hand_eye_dataset(options.dataset);
   problem.leave_out_frontal = options.leave_out_frontal;
   if (!options.camera.empty()) {
@@ -242,6 +273,7 @@ struct TargetOptions {
   double tag_size = 0.0;
   double spacing = 0.3;
   double height = 0.35;
+  bool json = false;
 };
 
 void check(const TargetOptions& options) {
@@ -262,20 +294,46 @@ void check(const TargetOptions& options) {
       throw Failure(ExitCode::usage, std::string(option) + " " + std::to_string(*count) + ": must be from 1 to 100");
 }
 
+/// A target as its description has it.
+Json target_block(const CalibrationTarget& target) {
+  Json block;
+  if (target.type == CalibrationTarget::Type::charuco)
+    block = {{"type", "charuco"},       {"squares_x", target.squares_x}, {"squares_y", target.squares_y},
+             {"square", target.square}, {"marker", target.marker},       {"dictionary", target.dictionary}};
+  else if (target.type == CalibrationTarget::Type::tag)
+    block = {{"type", "tag"}, {"family", target.family}, {"id", target.first_id}, {"tag_size", target.tag_size}};
+  else
+    block = {{"type", target.type == CalibrationTarget::Type::taggrid ? "taggrid" : "aprilgrid"},
+             {"tag_cols", target.tag_cols},
+             {"tag_rows", target.tag_rows},
+             {"tag_size", target.tag_size},
+             {"tag_spacing", target.tag_spacing},
+             {"family", target.family},
+             {"first_id", target.first_id}};
+  return block;
+}
+
+void say_target(const TargetOptions& options, const Paper& paper, const Json& drawn) {
+  if (!options.json) return;
+  const Json block{{"kind", options.kind},
+                   {"paper", {{"name", paper.name}, {"width_mm", paper.width}, {"height_mm", paper.height}}},
+                   {"output", options.output},
+                   {"description", options.description.empty() ? Json(nullptr) : Json(options.description)},
+                   {options.kind == "vboard" ? "board" : "target", drawn}};
+  std::cout << block.dump(1) << "\n";
+}
+
 int target(TargetOptions options) {
   check(options);
+  check_outputs({{"--output", options.output}, {"--description", options.description}}, {});
   if (options.paper.empty()) options.paper = options.kind == "vboard" ? "A3" : "A4";
   const Paper paper = paper_of(options.paper);
   if (options.kind == "vboard") {
     const double size = options.tag_size > 0.0 ? options.tag_size : 0.16;
     const Board board = v_board(size, options.height);
     print_board(board, 1.25 * size, radians(30.0), paper, options.output);
-    if (!options.description.empty()) {
-      Board copy = board;
-      FieldWriter writer;
-      visit(writer, copy);
-      write_whole(options.description, writer.text(), "--description");
-    }
+    if (!options.description.empty()) write_whole(options.description, drawn_board_text(board), "--description");
+    say_target(options, paper, board_block(board));
     return 0;
   }
   CalibrationTarget wanted;
@@ -303,6 +361,7 @@ int target(TargetOptions options) {
   const CalibrationTarget drawn = fitted(wanted, paper);
   print_target(drawn, paper, options.output);
   if (!options.description.empty()) write_whole(options.description, target_text(drawn), "--description");
+  say_target(options, paper, target_block(drawn));
   return 0;
 }
 
@@ -363,19 +422,25 @@ void add_calibrate(CLI::App& program, Action& action) {
   sheet->add_option("--family", print->family, "of the tags")->capture_default_str();
   sheet->add_option("--id", print->id, "of the tag, or of the grid's first one")->capture_default_str();
   sheet->add_option("--height", print->height, "of the vboard's tags above the floor [m]")->capture_default_str();
+  sheet->add_flag("--json", print->json, "what was drawn as one JSON object on stdout");
+  sheet->footer(
+      "--json: kind, paper {name, width_mm, height_mm}, output, description (null if none was asked for), and target\n"
+      "with the keys of its description or, of a vboard, board {family, tags}. Lengths in m if not named otherwise.\n"
+      "Measure both rulers of 100 mm on the print; measured over drawn length goes into measured_over_drawn_x and _y "
+      "of\n"
+      "the description, of a vboard, too.");
   sheet->callback([print, &action] { action = [print] { return target(*print); }; });
 
-  const auto from = std::make_shared<std::array<std::string, 3>>();
-  CLI::App* convert = verb->add_subcommand("convert", "a camera file in another program's format, and what that loses");
-  convert->add_option("--camera", (*from)[0], "any camera file that tagdock reads")->required();
-  convert->add_option("--format", (*from)[1], "ros, opencv, kalibr, mrcal, visp or tagdock")->required();
-  convert->add_option("--output", (*from)[2], "file to write")->required();
-  convert->callback([from, &action] {
-    action = [from] {
-      write_format(CameraFile::load((*from)[0]).camera(), (*from)[1], (*from)[2]);
-      return 0;
-    };
-  });
+  const auto from = std::make_shared<ConvertOptions>();
+  CLI::App* other = verb->add_subcommand("convert", "a camera file in another program's format, and what that loses");
+  other->add_option("--camera", from->camera, "any camera file that tagdock reads")->required();
+  other->add_option("--format", from->format, "ros, opencv, kalibr, mrcal, visp or tagdock")->required();
+  other->add_option("--output", from->output, "file to write")->required();
+  other->add_flag("--json", from->json, "what was written as one JSON object on stdout");
+  other->footer(
+      "--json: format, output, camera (as the format holds it: width, height, fx, fy, cx, cy, dist), loss_px "
+      "{max, rms}.");
+  other->callback([from, &action] { action = [from] { return convert(*from); }; });
 
   const auto lens = std::make_shared<IntrinsicsOptions>();
   CLI::App* first = verb->add_subcommand("intrinsics", "the camera from pictures of a board");

@@ -23,6 +23,7 @@
 #include "app/failure.h"
 #include "app/hand_eye_dataset.h"
 #include "app/image_file.h"
+#include "app/output_file.h"
 #include "app/png_file.h"
 #include "app/printed_target.h"
 #include "app/rig_file.h"
@@ -67,6 +68,7 @@ struct WizardOptions {
   double measured_y_mm = 0.0;
   int seconds = 600;
   bool view = false;
+  bool json = false;
 };
 
 /// What the window shows: the corners that were found, where the board should go, and the same sentence as the
@@ -129,19 +131,30 @@ int wizard(const WizardOptions& options) {
                                              "110 mm",
                                              option, value));
   CalibrationTarget target = read_target(options.target);
+  const CameraArgument argument = parse_camera_argument(options.camera);
   const fs::path folder = options.session;
+  std::vector<std::string> inputs{options.target};
+  if (const auto* images = std::get_if<Images>(&argument)) {
+    const fs::path where = images->where;
+    const fs::path from = fs::is_directory(where) ? where : where.parent_path();
+    std::error_code none;
+    if (fs::equivalent(folder, from, none))
+      throw Failure(ExitCode::usage, "--session " + options.session + ": is the folder of --camera; name another one");
+    for (const std::string& file : files_in(from)) inputs.push_back(file);
+  }
   std::error_code error;
   fs::create_directories(folder, error);
   if (error) throw Failure(ExitCode::usage, "--session " + options.session + ": " + error.message());
-  const bool asks = options.measured_x_mm <= 0.0 && options.measured_y_mm <= 0.0 && target.measured.empty() &&
-                    !fs::exists(folder / "target.yaml");
+  // What a session keeps is read when it goes on.
+  inputs.push_back((folder / "target.yaml").string());
+  for (const fs::path& file : pictures_of(folder)) inputs.push_back(file.string());
+  check_outputs({{"--output", options.output}}, inputs);
+  const bool asks = target.measured.empty() && !fs::exists(folder / "target.yaml");
   if (fs::exists(folder / "target.yaml")) target = read_target(folder / "target.yaml");  // a session that goes on
   if (options.measured_x_mm > 0.0) target.scale_x = options.measured_x_mm / 100.0;
   if (options.measured_y_mm > 0.0) target.scale_y = options.measured_y_mm / 100.0;
-  if (asks) {
-    target.scale_x = asked_length("x", target.scale_x);
-    target.scale_y = asked_length("y", target.scale_y);
-  }
+  if (asks && options.measured_x_mm <= 0.0) target.scale_x = asked_length("x", target.scale_x);
+  if (asks && options.measured_y_mm <= 0.0) target.scale_y = asked_length("y", target.scale_y);
   if (target.measured.empty()) write_whole(folder / "target.yaml", target_text(target));
 
   WizardConfig config;
@@ -174,7 +187,6 @@ int wizard(const WizardOptions& options) {
   }
   if (!state.kept.empty()) std::cerr << "the session " << options.session << " goes on with its views\n";
 
-  const CameraArgument argument = parse_camera_argument(options.camera);
   if (std::holds_alternative<SimulatedCamera>(argument))
     throw Failure(ExitCode::usage,
                   "--camera sim shows the station, not a calibration board; give gige:... or images:DIR");
@@ -213,7 +225,10 @@ int wizard(const WizardOptions& options) {
   // through it.
   const FolderCalibration made = calibrate_from_folder(folder, target, IntrinsicsConfig{});
   const IntrinsicsResult& result = made.result;
-  write_result(options.output, intrinsics_block(result, made.views.unreadable));
+  Json block = intrinsics_block(result, made.views.unreadable);
+  block["quality"]["measured_over_drawn"] = {{"x", target.scale_x}, {"y", target.scale_y}};
+  write_result(options.output, block);
+  if (options.json) std::cout << block.dump(1) << "\n";
   const Report report = intrinsics_report(result, 2.0);
   write_whole(folder / "report.html", to_html(report));
   to_pdf(report, folder / "report.pdf");
@@ -250,9 +265,42 @@ struct StationOptions {
   std::string board;
   std::string output;
   int reference = -1;
+  bool json = false;
 };
 
+Json station_block(const BoardSurvey& survey, int reference, const std::vector<std::string>& unreadable) {
+  Json block = board_block(survey.board);
+  block["verdict"] = survey.complaints.empty() ? "good" : "refused";
+  Json quality;
+  quality["kind"] = "station";
+  quality["reasons"] = survey.complaints;
+  quality["reference"] = reference;
+  quality["rms_px"] = survey.rms_px;
+  quality["corner_noise_over_claimed"] = survey.over_claimed;
+  quality["wing_angle_deg"] = survey.wing_angle_deg;
+  Json tags = Json::array();
+  for (const BoardSurvey::Moved& tag : survey.tags)
+    tags.push_back({{"id", tag.id},
+                    {"offset_mm", tag.offset_mm},
+                    {"sigma_mm", tag.sigma_mm},
+                    {"angle_deg", tag.angle_deg},
+                    {"sigma_deg", tag.sigma_deg},
+                    {"pictures", tag.views},
+                    {"rms_px", tag.rms_px}});
+  quality["tags"] = tags;
+  Json pictures = Json::array();
+  for (const BoardSurvey::Left& picture : survey.pictures)
+    pictures.push_back({{"name", picture.name}, {"rms_px", picture.rms_px}});
+  quality["pictures"] = pictures;
+  quality["unreadable"] = unreadable;
+  block["quality"] = quality;
+  return block;
+}
+
 int station(const StationOptions& options) {
+  std::vector<std::string> inputs = files_in(options.images);
+  inputs.insert(inputs.end(), {options.camera, options.board});
+  check_outputs({{"--output", options.output}}, inputs);
   const CameraFile camera = CameraFile::load(options.camera);
   const Board board = read_board(options.board);
   const int reference = options.reference >= 0 ? options.reference : board.tags[board.tags.size() / 2].id;
@@ -266,6 +314,7 @@ int station(const StationOptions& options) {
   config.decimate = 1;
   const TagDetector detector(config);
   std::vector<TagView> views;
+  std::vector<std::string> unreadable;
   std::vector<fs::path> files;
   std::error_code error;
   for (const auto& entry : fs::directory_iterator(options.images, error))
@@ -276,7 +325,8 @@ int station(const StationOptions& options) {
     const auto image = read_grey(file);
     const auto* gray = std::get_if<cv::Mat1b>(&image);
     if (gray == nullptr) {
-      std::cerr << std::get<std::string>(image) << "\n";
+      unreadable.push_back(std::get<std::string>(image));
+      std::cerr << unreadable.back() << "\n";
       continue;
     }
     camera.require_size(gray->cols, gray->rows, file.string());
@@ -294,17 +344,20 @@ int station(const StationOptions& options) {
   } catch (const std::invalid_argument& refused) {
     throw Failure(ExitCode::calibration_refused, options.images + ": " + refused.what());
   }
-  Board measured = survey.board;
-  FieldWriter writer;
-  visit(writer, measured);
-  write_whole(options.output, writer.text());
-  std::cerr << line_of("corners leave %.3f px rms; the outer tags stand at %.2f degrees to each other", survey.rms_px,
-                       survey.wing_angle_deg)
-            << "\n";
+  const Json block = station_block(survey, reference, unreadable);
+  write_result(options.output, block);
+  if (options.json) std::cout << block.dump(1) << "\n";
+  std::cerr
+      << line_of(
+             "%zu pictures used; corners leave %.3f px rms, %.2f times what they were measured to; the outer tags "
+             "stand at %.2f degrees to each other",
+             survey.pictures.size(), survey.rms_px, survey.over_claimed, survey.wing_angle_deg)
+      << "\n";
   for (const BoardSurvey::Moved& tag : survey.tags)
     std::cerr << line_of("tag %d: %.2f mm (+- %.2f) and %.3f deg (+- %.3f) beside the board file, in %d pictures",
                          tag.id, tag.offset_mm, tag.sigma_mm, tag.angle_deg, tag.sigma_deg, tag.views)
               << "\n";
+  if (survey.complaints.empty()) std::cerr << "GOOD\n";
   for (const std::string& complaint : survey.complaints) std::cerr << "REFUSED: " << complaint << "\n";
   return static_cast<int>(survey.complaints.empty() ? ExitCode::done : ExitCode::calibration_refused);
 }
@@ -387,6 +440,7 @@ void add_calibrate_station(CLI::App& verb, Action& action) {
   walk->add_flag("--view", options->view,
                  "a window with the picture, the corners found and where to hold the board next");
   walk->add_option("--seconds", options->seconds, "give up a live camera after this time")->capture_default_str();
+  walk->add_flag("--json", options->json, "the result as one JSON object on stdout, as `calibrate intrinsics` has it");
   walk->callback([options, &action] { action = [options] { return wizard(*options); }; });
 
   const auto survey = std::make_shared<StationOptions>();
@@ -396,6 +450,14 @@ void add_calibrate_station(CLI::App& verb, Action& action) {
   board->add_option("--board", survey->board, "board as drawn")->required();
   board->add_option("--output", survey->output, "board file to write")->required();
   board->add_option("--reference", survey->reference, "tag that stays where the board file has it (the middle one)");
+  board->add_flag("--json", survey->json, "the result as one JSON object on stdout");
+  board->footer(
+      "The result file has family and tags, as `dock --board` reads them, verdict (good or refused), and quality: "
+      "reasons,\n"
+      "reference, rms_px, corner_noise_over_claimed, wing_angle_deg, tags {id, offset_mm, sigma_mm, angle_deg, "
+      "sigma_deg,\n"
+      "pictures, rms_px}, pictures {name, rms_px}, unreadable. --json writes the same to stdout.\n"
+      "Exit code 7: refused; the file is written with what is known, and `tagdock dock` will not take it.");
   board->callback([survey, &action] { action = [survey] { return station(*survey); }; });
 
   const auto teaching = std::make_shared<std::pair<std::string, bool>>();

@@ -5,6 +5,8 @@
 #include <cmath>
 #include <cstdio>
 
+#include <Eigen/Geometry>
+
 #include "planning/pose2.h"
 
 namespace tagdock {
@@ -23,6 +25,14 @@ std::string text_of(const char* format, auto... values) {
   char text[512];
   std::snprintf(text, sizeof text, format, values...);
   return text;
+}
+
+/// With as many decimals as leave two digits that say something: 0.0004 mm is not 0.00 mm, nor 35 px 35.683 px.
+std::string rounded(double value) {
+  if (!std::isfinite(value)) return "an unknown number of";
+  const double size = std::abs(value);
+  const int decimals = size > 0.0 ? static_cast<int>(std::ceil(1.0 - std::log10(size) - 1e-9)) : 0;
+  return text_of("%.*f", std::clamp(decimals, 0, 5), value);
 }
 
 /// White over yellow and red to dark, for a share from 0 to 1.
@@ -50,7 +60,7 @@ Axes picture_axes(const CameraModel& camera) {
 
 Figure heat_map(const std::string& title, const CameraModel& camera, const ImageMap& map) {
   const Axes axes = picture_axes(camera);
-  Figure figure(title, 520.0, axes.height + 75.0);
+  Figure figure(title, 540.0, axes.height + 75.0);
   const double most = std::max(1e-9, map.largest());
   for (int row = 0; row < map.rows; ++row)
     for (int column = 0; column < map.columns; ++column) {
@@ -63,21 +73,40 @@ Figure heat_map(const std::string& title, const CameraModel& camera, const Image
   for (int i = 0; i < 20; ++i)
     figure.rectangle(axes.corner + Vector2d(axes.width + 14.0, axes.height * (19 - i) / 20.0), 12.0,
                      axes.height / 20.0 + 0.3, {heat((i + 0.5) / 20.0), -1, 1.0, 1.0});
-  figure.text(axes.corner + Vector2d(axes.width + 10.0, -4.0), text_of("%.3f px", most), 10.0);
+  figure.text(axes.corner + Vector2d(axes.width + 10.0, -4.0), rounded(most) + " px", 10.0);
   figure.text(axes.corner + Vector2d(axes.width + 10.0, axes.height + 12.0), "0", 10.0);
   return figure;
 }
 
+/// The largest of 1, 2 and 5 times a power of ten that is not above the value.
+double round_below(double value) {
+  if (!(value > 0.0) || !std::isfinite(value)) return 1.0;
+  const double power = std::pow(10.0, std::floor(std::log10(value)));
+  return power * (value >= 5.0 * power ? 5.0 : value >= 2.0 * power ? 2.0 : 1.0);
+}
+
+/// How much of the way from a point within the axes' frame to another one lies within it.
+double share_within(const Axes& axes, const Vector2d& from, const Vector2d& to) {
+  double share = 1.0;
+  const Vector2d far = axes.corner + Vector2d(axes.width, axes.height);
+  for (int k = 0; k < 2; ++k) {
+    if (to[k] > far[k]) share = std::min(share, (far[k] - from[k]) / (to[k] - from[k]));
+    if (to[k] < axes.corner[k]) share = std::min(share, (axes.corner[k] - from[k]) / (to[k] - from[k]));
+  }
+  return std::clamp(share, 0.0, 1.0);
+}
+
 Figure residual_map(const IntrinsicsResult& result) {
   const Axes axes = picture_axes(result.camera);
-  const double scale = result.rms_px > 0.0 ? 12.0 / result.rms_px : 1.0;
-  Figure figure(text_of("residuals of the corners, drawn %.0f times larger", scale * result.camera.width / axes.width),
-                480.0, axes.height + 75.0);
+  const double pixels_drawn = result.camera.width / axes.width;  // one unit of the drawing, in px of the picture
+  const double larger = round_below(result.rms_px > 0.0 ? 15.0 * pixels_drawn / result.rms_px : 1.0);
+  Figure figure(text_of("residuals of the corners, drawn %.0f times larger", larger), 480.0, axes.height + 75.0);
   const std::size_t stride = std::max<std::size_t>(1, result.corners.size() / 2500);
   for (std::size_t i = 0; i < result.corners.size(); i += stride) {
     const CornerLeft& corner = result.corners[i];
     const Vector2d at = axes(corner.pixel);
-    figure.line(at, at + scale * corner.residual, red_line);
+    const Vector2d end = at + larger / pixels_drawn * corner.residual;
+    figure.line(at, at + share_within(axes, at, end) * (end - at), red_line);
   }
   axes.draw(figure, "u [px]", "v [px]");
   return figure;
@@ -99,6 +128,9 @@ Figure against(const std::string& title, const std::string& x_label, const std::
   for (const Vector2d& point : points) most = std::max(most, point.y());
   axes.least = Vector2d(least_x, 0.0);
   axes.most = Vector2d(std::max(most_x, least_x + 1e-3), 1.05 * most);
+  const double beside = 0.03 * (axes.most.x() - axes.least.x());
+  axes.most.x() += beside;
+  if (least_x > beside) axes.least.x() -= beside;
   axes.height = 260.0;
   Figure figure(title, 480.0, 340.0);
   const std::size_t stride = std::max<std::size_t>(1, points.size() / 2500);
@@ -128,25 +160,40 @@ struct Bar {
   bool pale;
 };
 
-Figure bars(const std::string& title, const std::string& y_label, const std::vector<Bar>& all) {
+/// @param x_label  what the names below the bars are
+Figure bars(const std::string& title, const std::string& x_label, const std::string& y_label,
+            const std::vector<Bar>& all) {
+  // Pale bars say what was not taken: they do not make the others too small to be read.
+  double most = 0.0;
+  for (const Bar& one : all)
+    if (!one.pale) most = std::max(most, one.value);
+  double most_pale = 0.0;
+  for (const Bar& one : all)
+    if (one.pale && std::isfinite(one.value)) most_pale = std::max(most_pale, one.value);
+  most = most > 0.0 ? std::max(most, std::min(2.0 * most, most_pale)) : std::max(1e-6, most_pale);
   Axes axes;
-  axes.most = Vector2d(static_cast<double>(std::max<std::size_t>(1, all.size())), 1e-6);
-  for (const Bar& one : all) axes.most.y() = std::max(axes.most.y(), 1.05 * one.value);
+  axes.most = Vector2d(static_cast<double>(std::max<std::size_t>(1, all.size())), 1.05 * most);
   axes.height = 260.0;
   Figure figure(title, 480.0, 340.0);
   const double step = axes.width / axes.most.x();
+  std::size_t too_tall = 0;
   for (std::size_t i = 0; i < all.size(); ++i) {
-    const Vector2d top = axes({static_cast<double>(i), all[i].value});
+    const double at = static_cast<double>(i);
+    const bool cut = !(all[i].value <= axes.most.y());
+    too_tall += cut ? 1 : 0;
+    const Vector2d top = axes({at, cut ? axes.most.y() : all[i].value});
     figure.rectangle(top + Vector2d(0.1 * step, 0.0), 0.8 * step, axes.corner.y() + axes.height - top.y(),
                      all[i].pale ? pale_bar : bar);
-    if (all.size() <= 40 && (all.size() <= 20 || i % 2 == 0))
-      figure.text({top.x() + 0.5 * step, axes.corner.y() + axes.height + 28.0}, all[i].name, 8.0, 0.5);
+    axes.names.emplace_back(at + 0.5, all[i].name);
   }
-  axes.draw(figure, "", y_label);
+  if (too_tall > 0)
+    figure.text(axes.corner + Vector2d(axes.width, -8.0), text_of("%zu pale reach beyond the top", too_tall), 10.0,
+                1.0);
+  axes.draw(figure, x_label, y_label);
   return figure;
 }
 
-/// Residuals over their sigma against the bell that they should follow.
+/// Residuals over their rms against the bell that they should follow.
 Figure histogram(const IntrinsicsResult& result) {
   constexpr int bins = 41;
   constexpr double reach = 5.0;
@@ -163,7 +210,7 @@ Figure histogram(const IntrinsicsResult& result) {
   axes.least = Vector2d(-reach, 0.0);
   axes.most = Vector2d(reach, 1.1 * std::max(1.0, *std::max_element(count.begin(), count.end())));
   axes.height = 260.0;
-  Figure figure("residuals over their rms, and the bell", 480.0, 340.0);
+  Figure figure("residuals over their rms (line: what chance alone would give)", 480.0, 340.0);
   const double width = 2.0 * reach / bins;
   for (int bin = 0; bin < bins; ++bin) {
     const double from = -reach + bin * width;
@@ -176,13 +223,14 @@ Figure histogram(const IntrinsicsResult& result) {
     bell.push_back(axes({z, total * width * std::exp(-0.5 * z * z) / std::sqrt(2.0 * std::acos(-1.0))}));
   }
   figure.shape(bell, false, red_line);
-  axes.draw(figure, "residual / rms", "corners");
+  axes.draw(figure, "residual over rms, u and v", "number");
   return figure;
 }
 
 Figure top_view(const HandEyeProblem& problem, const HandEyeResult& result) {
   // In the board's own plane of the floor: x along the wall to the right, y away from it.
-  Figure figure("stops from above, the board on top; shaded: the cone of 25 degrees", 480.0, 420.0);
+  Figure figure("stops from above, the board on top; shaded: the cone of 25 degrees; orange: frontal, grey: not used",
+                480.0, 420.0);
   std::vector<Vector2d> places;
   std::vector<Vector2d> sights;
   for (std::size_t i = 0; i < result.stops.size(); ++i) {
@@ -207,12 +255,25 @@ Figure top_view(const HandEyeProblem& problem, const HandEyeResult& result) {
   const double cone = std::tan(radians(25.0)) * 1.5 * reach;
   figure.shape({axes({0, 0}), axes({-cone, 1.5 * reach}), axes({cone, 1.5 * reach})}, true, {0xf3e3c3, -1, 1.0, 0.7});
   figure.line(axes({-0.12 * reach, 0}), axes({0.12 * reach, 0}), {-1, 0x1a1a1a, 4.0, 1.0});
+  std::vector<Eigen::AlignedBox2d> named;
   for (std::size_t i = 0; i < places.size(); ++i) {
     if (places[i].norm() == 0.0) continue;
     const Ink ink{result.stops[i].used ? (result.stops[i].frontal ? 0xc08000 : 0x1f5fa8) : 0xc0c0c0, -1, 1.0, 1.0};
     figure.circle(axes(places[i]), 4.0, ink);
     figure.line(axes(places[i]), axes(places[i] + 0.12 * reach * sights[i]), blue_line);
-    figure.text(axes(places[i]) + Vector2d(6, -4), std::to_string(result.stops[i].id), 9.0);
+    // Below it, where no line of sight runs, and only where it can be read; the table has all of them.
+    const std::string name = std::to_string(result.stops[i].id);
+    const Vector2d at = axes(places[i]) + Vector2d(0, 13);
+    const Vector2d half(3.0 * static_cast<double>(name.size()), 0.0);
+    const Eigen::AlignedBox2d room(at - half - Vector2d(0.0, 8.0), at + half);
+    const bool free = std::none_of(named.begin(), named.end(), [&](const Eigen::AlignedBox2d& other) {
+      return !room.intersection(other).isEmpty();
+    });
+    const bool clear = std::none_of(places.begin(), places.end(),
+                                    [&](const Vector2d& place) { return room.exteriorDistance(axes(place)) < 4.0; });
+    if (!free || !clear) continue;
+    named.push_back(room);
+    figure.text(at, name, 9.0, 0.5);
   }
   axes.draw(figure, "along the board [m]", "before it [m]");
   return figure;
@@ -221,8 +282,10 @@ Figure top_view(const HandEyeProblem& problem, const HandEyeResult& result) {
 Figure determined(const HandEyeResult& result) {
   std::vector<Bar> all;
   for (std::size_t i = 0; i < result.direction_ratios.size(); ++i)
-    all.push_back({std::to_string(i + 1), 100.0 * result.direction_ratios[i], result.direction_ratios[i] > 0.2});
-  return bars("what the drive leaves open, % per direction (pale: not determined)", "%", all);
+    all.push_back({i < result.direction_words.size() ? result.direction_words[i] : std::to_string(i + 1),
+                   100.0 * result.direction_ratios[i], result.direction_ratios[i] > 0.2});
+  return bars("what the drive leaves open of what was not known before (pale: not determined)",
+              "direction, named by its largest part", "%", all);
 }
 
 }  // namespace
@@ -233,36 +296,39 @@ Report intrinsics_report(const IntrinsicsResult& result, double working_distance
   report.good = result.complaints.empty();
   const double mm = 1000.0 * working_distance / result.camera.fx;
   if (report.good)
-    report.verdict.push_back(
-        text_of("Good. At %.1f m from the dock this calibration is wrong by %.2f mm in the middle of the picture and "
-                "by %.2f mm "
-                "in its worst corner (one sigma).",
-                working_distance, mm * result.sigma_center_px, mm * result.sigma_max_px));
+    report.verdict.push_back(text_of(
+        "Good. At %.1f m from the dock this calibration is wrong by %s mm in the middle of the picture and "
+        "by %s mm in its worst corner (one sigma).",
+        working_distance, rounded(mm * result.sigma_center_px).c_str(), rounded(mm * result.sigma_max_px).c_str()));
   for (const std::string& complaint : result.complaints) report.verdict.push_back("Refused: " + complaint + ".");
   for (const std::string& sentence : result.missing) report.verdict.push_back("To add: " + sentence + ".");
   std::size_t used = 0;
   for (const ViewResidual& view : result.views) used += view.used ? 1 : 0;
   report.sentences.push_back(text_of(
-      "%zu of %zu views and %zu corners were used; they leave %.3f px rms. The projection is known to %.3f px in the "
-      "middle and %.3f px at worst (root of the mean square length, far away, after the best turn).",
-      used, result.views.size(), result.corners.size(), result.rms_px, result.sigma_center_px, result.sigma_max_px));
+      "%zu of %zu views and %zu corners were used; they leave %s px rms. The projection is known to %s px in the "
+      "middle and %s px at worst (root of the mean square length, far away, after the best turn).",
+      used, result.views.size(), result.corners.size(), rounded(result.rms_px).c_str(),
+      rounded(result.sigma_center_px).c_str(), rounded(result.sigma_max_px).c_str()));
   report.sentences.push_back(
-      text_of("Two halves of the views, solved apart, differ by %.3f px over the image; their noise explains %.3f px. "
-              "A model of "
-              "lens or board that is wrong shows here, not in the residuals.",
-              result.halves_px, result.halves_expected_px));
+      result.halves_expected_px > 0.0
+          ? text_of("Two halves of the views, solved apart, differ by %s px over the image; their noise explains %s "
+                    "px. A model of lens or board that is wrong shows here, not in the residuals.",
+                    rounded(result.halves_px).c_str(), rounded(result.halves_expected_px).c_str())
+          : "Two halves of the views were not compared: that needs eight views or more that can be used. Without it a "
+            "wrong model of lens or board may stay unseen.");
   report.sentences.push_back(text_of("The board is bowed by %.2f mm, and its print is %.3f permille wider than high.",
                                      1000.0 * result.board.bow(), 1000.0 * result.board.value[BoardShape::stretch]));
   report.sentences.push_back(text_of(
       "fx %.3f, fy %.3f, cx %.3f, cy %.3f; k1 %.6f, k2 %.6f, p1 %.6f, p2 %.6f, k3 %.6f, k4 %.6f, k5 %.6f, k6 %.6f.",
       result.camera.fx, result.camera.fy, result.camera.cx, result.camera.cy, result.camera.k1, result.camera.k2,
       result.camera.p1, result.camera.p2, result.camera.k3, result.camera.k4, result.camera.k5, result.camera.k6));
-  Report::Table ladder{"Lens models on views that they had not seen",
-                       {{"lens", "error in sigmas of the corners", "chosen"}}};
+  Report::Table ladder{
+      "Lens models on views that they had not seen; a richer one is chosen if it is clearly better there",
+      {{"lens", "error in sigmas of the corners", "chosen"}}};
   for (const IntrinsicsResult::Step& step : result.ladder)
     ladder.rows.push_back(
         {std::string(word(step.lens)), text_of("%.4f", step.held_out), step.lens == result.lens ? "yes" : ""});
-  report.tables.push_back(ladder);
+  if (!result.ladder.empty()) report.tables.push_back(ladder);
   if (!result.corners.empty()) {
     report.figures.push_back(residual_map(result));
     report.figures.push_back(coverage(result));
@@ -292,7 +358,7 @@ Report intrinsics_report(const IntrinsicsResult& result, double working_distance
     std::vector<Bar> by_view;
     for (std::size_t i = 0; i < result.views.size(); ++i)
       if (result.views[i].used) by_view.push_back({std::to_string(i), result.views[i].rms_px, false});
-    report.figures.push_back(bars("residuals by view (number in the table below)", "px rms", by_view));
+    report.figures.push_back(bars("residuals by view", "view, as numbered in the table below", "px rms", by_view));
   }
   Report::Table views{"Views",
                       {{"no", "picture", "used", "corners", "rms px", "blur px", "tilt deg", "distance m", "why not"}}};
@@ -368,9 +434,11 @@ Report hand_eye_report(const HandEyeProblem& problem, const HandEyeResult& resul
   }
   report.figures.push_back(against("reprojection error against distance (line: rms)", "distance of the board [m]",
                                    "px rms", by_distance, nearest, farthest));
-  report.figures.push_back(bars("corner residuals by stop", "px rms", corners));
-  report.figures.push_back(bars(
-      problem.by_wheels ? "wheels against the solution, by way" : "tracker against the solution, by stop", "mm", base));
+  report.figures.push_back(bars("corner residuals by stop (pale: not used)", "stop", "px rms", corners));
+  report.figures.push_back(
+      problem.by_wheels
+          ? bars("wheels against the solution, by way (pale: stop not used)", "stop that the way begins at", "mm", base)
+          : bars("tracker against the solution, by stop (pale: not used)", "stop", "mm", base));
   report.figures.push_back(determined(result));
   report.tables.push_back(stops);
   return report;

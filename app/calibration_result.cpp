@@ -69,6 +69,13 @@ Json transform_block(const Eigen::Isometry3d& T) {
           {"q_xyzw", {q.x(), q.y(), q.z(), q.w()}}};
 }
 
+Json board_block(const Board& board) {
+  Json tags = Json::array();
+  for (const BoardTag& tag : board.tags)
+    tags.push_back({{"id", tag.id}, {"size", tag.size}, {"T_station_tag", transform_block(tag.T_station_tag)}});
+  return {{"family", board.family}, {"tags", tags}};
+}
+
 Json hand_eye_block(const HandEyeProblem& problem, const HandEyeResult& result) {
   Json block;
   block["camera"] = camera_block(problem.camera);
@@ -124,6 +131,7 @@ Json hand_eye_block(const HandEyeProblem& problem, const HandEyeResult& result) 
   quality["heading_spread_deg"] = degrees(result.heading_spread);
   quality["travel"] = result.travel;
   quality["posterior_over_prior"] = result.direction_ratios;
+  quality["posterior_over_prior_of"] = result.direction_words;
   quality["T_reference_board"] = transform_block(result.T_reference_board);
   const Eigen::Isometry3d off = result.T_base_camera.inverse() * result.visp.T_base_camera;
   quality["visp"] = {{"solved", result.visp.solved}};
@@ -179,8 +187,10 @@ Json intrinsics_block(const IntrinsicsResult& result, const std::vector<std::str
   quality["corner_noise_over_fit"] = result.noise_scale;
   quality["neighbours_agree"] = result.neighbours_agree;
   quality["systematic_px"] = result.systematic_px;
-  quality["halves_differ_px"] = result.halves_px;
-  quality["halves_expected_px"] = result.halves_expected_px;
+  // Too few views for two halves: nothing was compared, and a zero would say that they agree.
+  const bool halved = result.halves_expected_px > 0.0;
+  quality["halves_differ_px"] = halved ? finite(result.halves_px) : Json(nullptr);
+  quality["halves_expected_px"] = halved ? finite(result.halves_expected_px) : Json(nullptr);
   quality["board_bow_mm"] = 1000.0 * result.board.bow();
   quality["board_x_over_y"] = 1.0 + result.board.value[BoardShape::stretch];
   quality["unreadable"] = unreadable;

@@ -8,12 +8,15 @@
 #include "calibration/camera_model.h"
 #include "calibration/hand_eye.h"
 #include "calibration/intrinsics.h"
+#include "calibration/target.h"
 
 namespace tagdock {
 
 /// The blocks of a result file (CONTRACTS.md) in the order in which they are written.
 nlohmann::ordered_json camera_block(const CameraModel& camera);
 nlohmann::ordered_json transform_block(const Eigen::Isometry3d& T);
+/// A board as a board file has it: family, tags.
+nlohmann::ordered_json board_block(const Board& board);
 nlohmann::ordered_json hand_eye_block(const HandEyeProblem& problem, const HandEyeResult& result);
 nlohmann::ordered_json intrinsics_block(const IntrinsicsResult& result, const std::vector<std::string>& unreadable);
 

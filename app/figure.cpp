@@ -78,19 +78,40 @@ void draw(cairo_t* cr, const Figure& figure) {
   }
 }
 
-/// Words broken into lines of at most so many letters.
-std::vector<std::string> lines_of(const std::string& words, std::size_t most) {
+double width_of(cairo_t* cr, const std::string& words, double size) {
+  cairo_set_font_size(cr, size);
+  cairo_text_extents_t extents;
+  cairo_text_extents(cr, words.c_str(), &extents);
+  return extents.x_advance;
+}
+
+/// Words broken into lines that are no wider than that; a word that is wider by itself is broken, too.
+std::vector<std::string> lines_of(cairo_t* cr, const std::string& words, double size, double width) {
   std::vector<std::string> lines(1);
   std::size_t at = 0;
   while (at < words.size()) {
     std::size_t end = words.find(' ', at);
     if (end == std::string::npos) end = words.size();
-    const std::string word = words.substr(at, end - at);
-    if (!lines.back().empty() && lines.back().size() + 1 + word.size() > most) lines.emplace_back();
+    std::string word = words.substr(at, end - at);
+    if (!lines.back().empty() && width_of(cr, lines.back() + " " + word, size) > width) lines.emplace_back();
+    while (lines.back().empty() && word.size() > 1 && width_of(cr, word, size) > width) {
+      std::size_t letters = word.size() - 1;
+      while (letters > 1 && width_of(cr, word.substr(0, letters), size) > width) --letters;
+      lines.back() = word.substr(0, letters);
+      lines.emplace_back();
+      word.erase(0, letters);
+    }
     lines.back() += (lines.back().empty() ? "" : " ") + word;
     at = end + 1;
   }
   return lines;
+}
+
+/// Numbers of an axis: as many decimals as their step needs, so that neighbours never read the same.
+std::string tick_text(const std::vector<double>& ticks, double tick) {
+  const double step = ticks.size() > 1 ? ticks[1] - ticks[0] : std::abs(tick);
+  const int decimals = step > 0.0 ? static_cast<int>(std::ceil(-std::log10(step) - 1e-9)) : 0;
+  return plain(tick, std::clamp(ticks.size() > 1 ? decimals : decimals + 2, 0, 9));
 }
 
 }  // namespace
@@ -142,15 +163,36 @@ Vector2d Axes::operator()(const Vector2d& value) const {
 void Axes::draw(Figure& figure, const std::string& x_label, const std::string& y_label) const {
   const Ink frame{-1, 0x808080, 1.0, 1.0};
   figure.rectangle(corner, width, height, frame);
-  for (const double tick : axis_ticks(least.x(), most.x(), 6)) {
-    const double x = (*this)({tick, least.y()}).x();
+  const auto below = [&](double x, const std::string& words) {
     figure.line({x, corner.y() + height}, {x, corner.y() + height + 4}, frame);
-    figure.text({x, corner.y() + height + 16}, plain(tick, 3), 10.0, 0.5);
+    figure.text({x, corner.y() + height + 16}, words, 10.0, 0.5);
+  };
+  if (names.empty()) {
+    const std::vector<double> ticks = axis_ticks(least.x(), most.x(), 6);
+    for (const double tick : ticks) below((*this)({tick, least.y()}).x(), tick_text(ticks, tick));
   }
-  for (const double tick : axis_ticks(least.y(), most.y(), 5)) {
+  // Every first, second, fifth.. name, so that none touches the next.
+  const auto touch = [&](std::size_t stride) {
+    constexpr double letter = 6.0;  // px, of this size
+    constexpr double gap = 3.0;
+    for (std::size_t i = 0; i + stride < names.size(); i += stride) {
+      const double apart = (*this)({names[i + stride].first, 0.0}).x() - (*this)({names[i].first, 0.0}).x();
+      const std::size_t letters = names[i].second.size() + names[i + stride].second.size();
+      if (apart < 0.5 * letter * static_cast<double>(letters) + gap) return true;
+    }
+    return false;
+  };
+  std::size_t stride = 1;
+  for (std::size_t power = 1; touch(stride); power *= 10)
+    for (const std::size_t share : {2, 5, 10})
+      if (touch(stride)) stride = share * power;
+  for (std::size_t i = 0; i < names.size(); i += stride)
+    below((*this)({names[i].first, least.y()}).x(), names[i].second);
+  const std::vector<double> ticks = axis_ticks(least.y(), most.y(), 5);
+  for (const double tick : ticks) {
     const double y = (*this)({least.x(), tick}).y();
     figure.line({corner.x() - 4, y}, {corner.x(), y}, frame);
-    figure.text({corner.x() - 7, y + 4}, plain(tick, 3), 10.0, 1.0);
+    figure.text({corner.x() - 7, y + 4}, tick_text(ticks, tick), 10.0, 1.0);
   }
   figure.text({corner.x() + 0.5 * width, corner.y() + height + 31}, x_label, 11.0, 0.5);
   figure.text({corner.x() - 45, corner.y() - 8}, y_label, 11.0);
@@ -198,7 +240,7 @@ void to_pdf(const Report& report, const std::filesystem::path& file) {
     y = margin + 14.0;
   };
   const auto paragraph = [&](const std::string& words, double size) {
-    for (const std::string& line : lines_of(words, static_cast<std::size_t>(1000.0 / size))) {
+    for (const std::string& line : lines_of(cr, words, size, width - 2.0 * margin)) {
       room(1.3 * size);
       draw_text(cr, {margin, y}, line, size, 0.0);
       y += 1.35 * size;
@@ -214,53 +256,81 @@ void to_pdf(const Report& report, const std::filesystem::path& file) {
     paragraph(sentence, 11.0);
   }
   for (const std::string& sentence : report.sentences) paragraph(sentence, 10.0);
-  // Figures two beside each other.
+  // Figures two beside each other, each below its title.
   constexpr double column = (width - 2.0 * margin - 15.0) / 2.0;
-  double tallest = 0.0;
-  for (std::size_t i = 0; i < report.figures.size(); ++i) {
-    const Figure& figure = report.figures[i];
-    const double scale = column / figure.width();
-    const double tall = figure.height() * scale + 18.0;
-    if (i % 2 == 0) {
-      tallest = tall;
-      if (i + 1 < report.figures.size())
-        tallest = std::max(tallest, report.figures[i + 1].height() * column / report.figures[i + 1].width() + 18.0);
-      room(tallest);
+  constexpr double title_size = 9.0;
+  constexpr double title_line = 12.0;
+  for (std::size_t i = 0; i < report.figures.size(); i += 2) {
+    const std::size_t end = std::min(i + 2, report.figures.size());
+    std::size_t title_lines = 0;
+    double tallest = 0.0;
+    for (std::size_t k = i; k < end; ++k) {
+      const Figure& figure = report.figures[k];
+      title_lines = std::max(title_lines, lines_of(cr, figure.title(), title_size, column).size());
+      tallest = std::max(tallest, figure.height() * column / figure.width());
     }
-    const double x = margin + (i % 2 == 0 ? 0.0 : column + 15.0);
-    draw_text(cr, {x, y}, figure.title(), 9.0, 0.0);
-    cairo_save(cr);
-    cairo_translate(cr, x, y + 4.0);
-    cairo_scale(cr, scale, scale);
-    draw(cr, figure);
-    cairo_restore(cr);
-    if (i % 2 == 1 || i + 1 == report.figures.size()) y += tallest;
+    const double titles = title_line * static_cast<double>(title_lines);
+    room(titles + tallest + 10.0);
+    for (std::size_t k = i; k < end; ++k) {
+      const Figure& figure = report.figures[k];
+      const double x = margin + (k == i ? 0.0 : column + 15.0);
+      double line_y = y;
+      for (const std::string& line : lines_of(cr, figure.title(), title_size, column)) {
+        draw_text(cr, {x, line_y}, line, title_size, 0.0);
+        line_y += title_line;
+      }
+      cairo_save(cr);
+      cairo_translate(cr, x, y + titles - title_line + 4.0);
+      cairo_scale(cr, column / figure.width(), column / figure.width());
+      draw(cr, figure);
+      cairo_restore(cr);
+    }
+    y += titles + tallest + 10.0;
   }
-  y += 10.0;
   for (const Report::Table& table : report.tables) {
+    y += 14.0;
     room(60.0);
     paragraph(table.title, 12.0);
-    std::vector<std::size_t> widths;
+    constexpr double size = 7.5;
+    constexpr double gap = 10.0;
+    constexpr double row_height = 10.5;
+    std::vector<double> widths;
     for (const auto& row : table.rows)
       for (std::size_t i = 0; i < row.size(); ++i) {
-        if (i >= widths.size()) widths.push_back(0);
-        widths[i] = std::max(widths[i], std::min<std::size_t>(60, row[i].size()));
+        if (i >= widths.size()) widths.push_back(0.0);
+        widths[i] = std::max(widths[i], width_of(cr, row[i], size) + gap);
       }
-    std::size_t sum = 0;
-    for (const std::size_t letters : widths) sum += letters + 2;
-    for (const auto& row : table.rows) {
-      room(11.0);
-      double x = margin;
+    // Too wide a table is narrowed where it is widest; there its words are broken into lines.
+    double over = -(width - 2.0 * margin);
+    for (const double wide : widths) over += wide;
+    if (over > 0.0) {
+      double& widest = *std::max_element(widths.begin(), widths.end());
+      widest = std::max(60.0, widest - over);
+    }
+    for (std::size_t r = 0; r < table.rows.size(); ++r) {
+      const auto& row = table.rows[r];
+      std::vector<std::vector<std::string>> cells;
+      std::size_t tall = 1;
       for (std::size_t i = 0; i < row.size(); ++i) {
-        const double share = (width - 2.0 * margin) * static_cast<double>(widths[i] + 2) / static_cast<double>(sum);
-        cairo_save(cr);
-        cairo_rectangle(cr, x, y - 10.0, share, 14.0);
-        cairo_clip(cr);
-        draw_text(cr, {x, y}, row[i], 7.5, 0.0);
-        cairo_restore(cr);
-        x += share;
+        cells.push_back(lines_of(cr, row[i], size, widths[i] - gap + 0.01));
+        tall = std::max(tall, cells.back().size());
       }
-      y += 10.5;
+      room(row_height * static_cast<double>(tall));
+      double x = margin;
+      for (std::size_t i = 0; i < cells.size(); ++i) {
+        for (std::size_t k = 0; k < cells[i].size(); ++k)
+          draw_text(cr, {x, y + row_height * static_cast<double>(k)}, cells[i][k], size, 0.0);
+        x += widths[i];
+      }
+      y += row_height * static_cast<double>(tall);
+      if (r == 0) {
+        set_colour(cr, 0x808080, 1.0);
+        cairo_set_line_width(cr, 0.5);
+        cairo_move_to(cr, margin, y - row_height + 3.0);
+        cairo_line_to(cr, x, y - row_height + 3.0);
+        cairo_stroke(cr);
+        y += 2.0;
+      }
     }
   }
   cairo_destroy(cr);

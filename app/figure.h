@@ -3,6 +3,7 @@
 #include <filesystem>
 #include <functional>
 #include <string>
+#include <utility>
 #include <variant>
 #include <vector>
 
@@ -69,6 +70,9 @@ struct Axes {
   double width = 400.0;
   double height = 300.0;
   bool y_down = false;  ///< as pictures have it
+  /// What stands below the x axis in place of numbers, at its values, evenly spread; where they would touch, only every
+  /// second, fifth, tenth.. is written.
+  std::vector<std::pair<double, std::string>> names;
 
   [[nodiscard]] Eigen::Vector2d operator()(const Eigen::Vector2d& value) const;
   void draw(Figure& figure, const std::string& x_label, const std::string& y_label) const;

@@ -22,6 +22,30 @@ void check_not_an_input(const std::string& option, const fs::path& file, const s
       refuse(option, file, "is what is read; name another file");
 }
 
+void check_outputs(const std::vector<std::pair<std::string, fs::path>>& outputs,
+                   const std::vector<std::string>& inputs) {
+  for (std::size_t i = 0; i < outputs.size(); ++i) {
+    const auto& [option, file] = outputs[i];
+    if (file.empty()) continue;
+    check_not_an_input(option, file, inputs);
+    std::error_code error;
+    const fs::path place = fs::weakly_canonical(file, error);
+    // What is no file keeps nothing: /dev/null may take all of them.
+    if (fs::exists(file, error) && !fs::is_regular_file(file, error)) continue;
+    for (std::size_t k = 0; k < i; ++k)
+      if (!outputs[k].second.empty() && fs::weakly_canonical(outputs[k].second, error) == place)
+        refuse(option, file, "is what " + outputs[k].first + " writes; name another file");
+  }
+  for (const auto& [option, file] : outputs) check_writable(option, file);
+}
+
+std::vector<std::string> files_in(const fs::path& folder) {
+  std::vector<std::string> files;
+  std::error_code error;
+  for (const auto& entry : fs::directory_iterator(folder, error)) files.push_back(entry.path().string());
+  return files;
+}
+
 void check_new(const std::string& option, const fs::path& file) {
   std::error_code error;
   if (!file.empty() && fs::is_regular_file(file, error)) refuse(option, file, "is there already; name a new file");

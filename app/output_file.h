@@ -2,6 +2,7 @@
 
 #include <filesystem>
 #include <string>
+#include <utility>
 #include <vector>
 
 namespace tagdock {
@@ -13,6 +14,15 @@ namespace tagdock {
 /// Refuses a file that is one of those that are read, under whatever name.
 void check_not_an_input(const std::string& option, const std::filesystem::path& file,
                         const std::vector<std::string>& inputs);
+
+/// All files that a verb writes: none of them may be one that is read or another one that is written, and each must be
+/// writable.
+/// @param outputs  option and file
+void check_outputs(const std::vector<std::pair<std::string, std::filesystem::path>>& outputs,
+                   const std::vector<std::string>& inputs);
+
+/// The files right in a folder, to be told as inputs; none if it cannot be read.
+std::vector<std::string> files_in(const std::filesystem::path& folder);
 
 /// Refuses a file that is there.
 void check_new(const std::string& option, const std::filesystem::path& file);

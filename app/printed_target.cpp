@@ -21,6 +21,9 @@ using Type = CalibrationTarget::Type;
 constexpr double margin = 10.0;       // mm, that printers cannot reach
 constexpr double caption = 24.0;      // mm, below the pattern
 constexpr double ruler_strip = 12.0;  // mm, left of the pattern
+constexpr double cut_gap = 1.0;       // mm, from what is to be cut out to its marks
+constexpr double cut_length = 5.0;    // mm, of a mark
+constexpr double cut_reach = cut_gap + cut_length;
 
 std::string text_of(double millimetres) {
   char text[32];
@@ -65,9 +68,13 @@ class Sheet {
     cairo_set_dash(cr_, dash, 0, 0.0);
   }
 
-  void text(double x, double y, const std::string& words, double size = 3.2, bool upwards = false) {
+  /// @param most  width that the words must not exceed: they are written smaller then
+  void text(double x, double y, const std::string& words, double size = 3.2, bool upwards = false, double most = 1e9) {
     cairo_set_source_rgb(cr_, 0, 0, 0);
     cairo_set_font_size(cr_, size);
+    cairo_text_extents_t extents;
+    cairo_text_extents(cr_, words.c_str(), &extents);
+    if (extents.x_advance > most) cairo_set_font_size(cr_, size * most / extents.x_advance);
     cairo_save(cr_);
     cairo_move_to(cr_, x, y);
     if (upwards) cairo_rotate(cr_, -0.5 * std::numbers::pi);
@@ -96,14 +103,12 @@ class Sheet {
 
   /// Four corner marks around what is to be cut out.
   void cut_marks(double x, double y, double width, double height) {
-    constexpr double gap = 1.0;
-    constexpr double length = 5.0;
     for (const double cx : {x, x + width})
       for (const double cy : {y, y + height}) {
         const double sx = cx > x ? 1.0 : -1.0;
         const double sy = cy > y ? 1.0 : -1.0;
-        line(cx + sx * gap, cy, cx + sx * (gap + length), cy);
-        line(cx, cy + sy * gap, cx, cy + sy * (gap + length));
+        line(cx + sx * cut_gap, cy, cx + sx * cut_reach, cy);
+        line(cx, cy + sy * cut_gap, cx, cy + sy * cut_reach);
       }
   }
 
@@ -174,8 +179,9 @@ Paper paper_of(const std::string& name) {
 CalibrationTarget fitted(const CalibrationTarget& target, const Paper& paper) {
   CalibrationTarget result = target;
   const Extent unit = unit_extent(target);
-  const double room_x = paper.width - 2.0 * margin - ruler_strip;
-  const double room_y = paper.height - 2.0 * margin - caption;
+  const double marks = target.type == Type::tag ? 2.0 * cut_reach : 0.0;
+  const double room_x = paper.width - 2.0 * margin - ruler_strip - marks;
+  const double room_y = paper.height - 2.0 * margin - caption - marks;
   const double largest = std::floor(10.0 * std::min(room_x / unit.width, room_y / unit.height)) / 10.0;
   double& size = target.type == Type::charuco ? result.square : result.tag_size;
   if (size <= 0.0) size = std::round(10.0 * largest) / 10000.0;
@@ -240,11 +246,13 @@ void print_target(const CalibrationTarget& target, const Paper& paper, const std
   const double bottom = paper.height - margin;
   sheet.ruler(margin + ruler_strip, bottom - 15.0, false);
   sheet.ruler(margin + 2.0, bottom - caption - 4.0, true);
-  sheet.text(margin + ruler_strip, bottom - 5.5, "tagdock: " + what);
+  const double most = paper.width - 2.0 * margin - ruler_strip;
+  sheet.text(margin + ruler_strip, bottom - 5.5, "tagdock: " + what, 3.2, false, most);
   sheet.text(
       margin + ruler_strip, bottom - 0.5,
       "Print at 100 % (no fitting to the page), glue onto something stiff and flat. Measured along the rulers, in "
-      "mm:  x ________  y ________");
+      "mm:  x ________  y ________",
+      3.2, false, most);
   sheet.finish();
 }
 
@@ -265,8 +273,11 @@ void print_board(const Board& board, double plate, double fold, const Paper& pap
   const double inner =
       2000.0 * (std::abs(board.tags.front().T_station_tag.translation().y()) - 0.5 * plate * std::cos(fold));
   const double strip = 2.0 * side + inner;
-  const bool one_sheet = strip + 2.0 * margin <= paper.width && side + 2.0 * margin + caption <= paper.height;
-  if (!one_sheet && (side + 2.0 * margin > paper.width || side + 2.0 * margin + caption > paper.height))
+  // Cut marks stay clear of the upright ruler (the pattern stands in the middle) and of the foot.
+  const double beside = 2.0 * (margin + ruler_strip + cut_reach);
+  const double above_and_below = 2.0 * (margin + cut_reach) + caption;
+  const bool one_sheet = strip + beside <= paper.width && side + above_and_below <= paper.height;
+  if (!one_sheet && (side + beside > paper.width || side + above_and_below > paper.height))
     throw Failure(ExitCode::usage, "a plate of " + text_of(side) + " mm does not fit on " + paper.name +
                                        "; take a larger --paper or a smaller --tag-size");
   Sheet sheet(paper, pdf);
@@ -274,9 +285,10 @@ void print_board(const Board& board, double plate, double fold, const Paper& pap
   const auto foot = [&](const std::string& words) {
     sheet.ruler(margin + ruler_strip, bottom - 15.0, false);
     sheet.ruler(margin + 2.0, bottom - caption - 4.0, true);
-    sheet.text(margin + ruler_strip, bottom - 5.5, words);
+    const double most = paper.width - 2.0 * margin - ruler_strip;
+    sheet.text(margin + ruler_strip, bottom - 5.5, words, 3.2, false, most);
     sheet.text(margin + ruler_strip, bottom - 0.5,
-               "Print at 100 %. Measured along the rulers, in mm:  x ________  y ________");
+               "Print at 100 %. Measured along the rulers, in mm:  x ________  y ________", 3.2, false, most);
   };
   const auto tag_at = [&](const BoardTag& tag, double centre_x, double centre_y) {
     const double size = 1000.0 * tag.size;

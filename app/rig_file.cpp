@@ -104,15 +104,40 @@ Rig read_rig(const std::filesystem::path& file) {
 
 Board read_board(const std::filesystem::path& file) {
   YamlMap map = YamlMap::load(file);
+  for (const char* key : {"quality", "reference"}) (void)map.has(key);  // for people and judges
+  if (map.has("verdict") && map.text("verdict") == "refused")
+    map.refuse("verdict", "is refused; this survey says of itself that it is not good enough to dock with");
+  double over_drawn_x = 1.0;
+  double over_drawn_y = 1.0;
+  map.read("measured_over_drawn_x", over_drawn_x, 0.9, 1.1);
+  map.read("measured_over_drawn_y", over_drawn_y, 0.9, 1.1);
+  constexpr double most_stretch = 0.003;  // a tag of 0.16 m is then 0.5 mm wider than high: 3 mm of range at a metre
+  if (std::abs(over_drawn_x / over_drawn_y - 1.0) > most_stretch)
+    map.refuse("measured_over_drawn_x",
+               "and measured_over_drawn_y differ by more than 3 per mille: tags of this print are no squares; print it "
+               "anew");
   Board board;
   FieldReader reader(map);
   visit(reader, board);
+  for (BoardTag& tag : board.tags) {
+    tag.size *= std::sqrt(over_drawn_x * over_drawn_y);
+    // Plates are cut at printed marks, so they stand as far apart as their print is wide; how high is not printed.
+    tag.T_station_tag.translation().head<2>() *= over_drawn_x;
+  }
   for (const YamlMap& tag : map.maps("tags")) {
     need(tag, {"id", "size", "T_station_tag"});
     need(YamlMap(tag).map("T_station_tag"), {"t", "q_xyzw"});
   }
   map.finish();
   return board;
+}
+
+std::string drawn_board_text(Board board) {
+  FieldWriter writer;
+  visit(writer, board);
+  return "# As it was drawn, in m; measure the two rulers on the sheets and put measured over printed length here.\n"
+         "measured_over_drawn_x: 1\nmeasured_over_drawn_y: 1\n" +
+         writer.text();
 }
 
 }  // namespace tagdock

@@ -21,8 +21,13 @@ void set_distortion(CameraModel& camera, std::vector<double> dist);
 /// Throws Failure(usage) with file, line and key.
 Rig read_rig(const std::filesystem::path& file);
 
-/// Reads a board file.
-/// Throws Failure(usage): no tags, an id twice, a size outside 0.01..2 m, a tag without id, size or place.
+/// Reads a board file. Was it printed larger or smaller than drawn (measured_over_drawn_x, measured_over_drawn_y), the
+/// board given is the one that was printed. A board that `calibrate station` refused is no board to dock at.
+/// Throws Failure(usage): no tags, an id twice, a size outside 0.01..2 m, a tag without id, size or place, a print that
+/// is stretched so that tags are no squares.
 Board read_board(const std::filesystem::path& file);
+
+/// A board as drawn, with keys for what the rulers of its print measure.
+std::string drawn_board_text(Board board);
 
 }  // namespace tagdock

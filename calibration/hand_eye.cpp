@@ -544,12 +544,37 @@ std::string cure_of(const std::string& word, bool wheels) {
   return "drive curves to both sides between stops that see the board";
 }
 
+/// What each column is made of most, every word once.
+std::vector<std::string> words_of(const MatrixXd& columns, const std::vector<Direction>& all) {
+  std::vector<std::string> words(static_cast<std::size_t>(columns.cols()));
+  std::vector<bool> taken(all.size(), false);
+  for (Index round = 0; round < columns.cols(); ++round) {
+    double most = -1.0;
+    std::size_t column = 0;
+    std::size_t word = 0;
+    for (std::size_t c = 0; c < words.size(); ++c)
+      for (std::size_t w = 0; words[c].empty() && w < all.size(); ++w) {
+        const double share = std::abs(columns.col(static_cast<Index>(c)).dot(all[w].unit));
+        if (taken[w] || share <= most) continue;
+        most = share;
+        column = c;
+        word = w;
+      }
+    words[column] = all[word].word;
+    taken[word] = true;
+  }
+  return words;
+}
+
 /// One word per direction that the information leaves open, the strongest first.
-std::vector<std::string> open_words(const MatrixXd& whitened_information, bool wheels, std::vector<double>& ratios) {
+std::vector<std::string> open_words(const MatrixXd& whitened_information, bool wheels, HandEyeResult& result) {
   const Eigen::SelfAdjointEigenSolver<MatrixXd> eigen(whitened_information);
   const VectorXd ratio = (1.0 + eigen.eigenvalues().array().max(0.0)).rsqrt();
-  ratios.assign(ratio.data(), ratio.data() + ratio.size());
-  std::sort(ratios.begin(), ratios.end());
+  // The information ascends, so the ratios descend.
+  result.direction_ratios.assign(ratio.data(), ratio.data() + ratio.size());
+  result.direction_words = words_of(eigen.eigenvectors(), directions(wheels));
+  std::reverse(result.direction_ratios.begin(), result.direction_ratios.end());
+  std::reverse(result.direction_words.begin(), result.direction_words.end());
   Index open = 0;
   while (open < ratio.size() && ratio[open] > narrowed) ++open;
   MatrixXd basis = eigen.eigenvectors().leftCols(open);
@@ -888,7 +913,7 @@ HandEyeResult calibrate_hand_eye(const HandEyeProblem& problem) {
     unit.segment<3>(3).setConstant(wide_rotation);
     if (problem.by_wheels) unit.tail<3>().setConstant(wide_wheels);
     information = (unit.asDiagonal() * information * unit.asDiagonal()).eval();
-    const std::vector<std::string> words = open_words(information, problem.by_wheels, result.direction_ratios);
+    const std::vector<std::string> words = open_words(information, problem.by_wheels, result);
     for (const std::string& open : words) result.unobservable.push_back({open, cure_of(open, problem.by_wheels)});
   }
 

@@ -98,7 +98,8 @@ struct HandEyeResult {
   double motion_scale = 1.0;           ///< measured tracker or wheel noise over that stated
   double floor_tilt_sigma = 0.0;       ///< of the base on the floor, estimated [rad]; wheels only
   std::vector<Unobservable> unobservable;
-  std::vector<double> direction_ratios;  ///< posterior over prior of the nine or six directions, ascending
+  std::vector<double> direction_ratios;      ///< posterior over prior of the nine or six directions, ascending
+  std::vector<std::string> direction_words;  ///< of each of them: what it is made of most
   std::vector<StopResidual> stops;
   VispHandEye visp;
   double heading_spread = 0.0;          ///< largest difference of headings between stops [rad]

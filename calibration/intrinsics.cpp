@@ -602,7 +602,7 @@ IntrinsicsResult calibrate_intrinsics(const std::vector<CalibrationView>& all, i
   result.covariance = inflate * inflate * spread_out(linear.covariance, lens);
   const double by_corners = projection_sigma(result.camera, result.covariance).rms();
   const double by_views = projection_sigma(result.camera, spread_out(linear.by_views, lens)).rms();
-  if (by_views > by_corners) result.covariance *= (by_views * by_views) / (by_corners * by_corners);
+  double wider = std::max(1.0, (by_views * by_views) / (by_corners * by_corners));
   double squares = 0.0;
   for (const std::size_t view : used) {
     ViewResidual& report = result.views[view];
@@ -625,6 +625,17 @@ IntrinsicsResult calibrate_intrinsics(const std::vector<CalibrationView>& all, i
 
   result.neighbours_agree = agreement_of_neighbours(result);
   result.systematic_px = std::sqrt(std::max(0.0, result.neighbours_agree)) * result.rms_px;
+  // Halves of the same kind of views share what the model misses; neighbours in a view show it.
+  constexpr double most_agreement = 0.3;
+  constexpr double most_systematic_px = 0.05;
+  const bool misfit = result.neighbours_agree > most_agreement && result.systematic_px > most_systematic_px;
+  // Corners that err alike are worth fewer: m of them that agree by r have the variance of m / (1 + (m - 1) r) that do
+  // not (the design effect: Kish, Survey Sampling, 1965).
+  if (misfit) {
+    const double in_a_view = static_cast<double>(result.corners.size()) / static_cast<double>(used.size());
+    wider = std::max(wider, 1.0 + (in_a_view - 1.0) * result.neighbours_agree);
+  }
+  result.covariance *= wider;
 
   // 4. Two halves must differ by what their uncertainties promise, no more.
   double excess = 1.0;
@@ -668,10 +679,7 @@ IntrinsicsResult calibrate_intrinsics(const std::vector<CalibrationView>& all, i
                                 figure(excess, 2) +
                                 " times what their noise explains: the model of lens or board is wrong, or the board "
                                 "moved or bent between views");
-  // Halves of the same kind of views share what the model misses; neighbours in a view show it.
-  constexpr double most_agreement = 0.3;
-  constexpr double most_systematic_px = 0.05;
-  if (result.neighbours_agree > most_agreement && result.systematic_px > most_systematic_px)
+  if (misfit)
     result.complaints.push_back("neighbouring corners err alike, by " + figure(result.systematic_px) +
                                 " px: the model of lens or board is wrong (a bent board taken for flat, too poor a "
                                 "lens model, or rows of the sensor read one after the other)");

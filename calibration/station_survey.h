@@ -33,16 +33,25 @@ struct BoardSurvey {
     double sigma_mm = 0.0;  ///< of the place, one sigma
     double sigma_deg = 0.0;
     int views = 0;
+    double rms_px = 0.0;  ///< that its corners leave
   };
-  std::vector<Moved> tags;
+  std::vector<Moved> tags;      ///< all but the reference
   double wing_angle_deg = 0.0;  ///< between the first and the last tag's normals
-  double rms_px = 0.0;
-  std::vector<std::string> complaints;
+  double rms_px = 0.0;          ///< that all corners leave, per coordinate
+  double over_claimed = 0.0;    ///< the same over what the corners' sigmas promise; near 1 when nothing is wrong
+  struct Left {
+    std::string name;
+    double rms_px = 0.0;
+  };
+  std::vector<Left> pictures;           ///< that were used
+  std::vector<std::string> complaints;  ///< numbers and what to do; empty if good
 };
 
 /// How the tags of a board really stand to each other, from pictures that show two or more of them: all poses at once
-/// (Ceres), the reference tag held where the board given has it.
-/// Throws std::invalid_argument if no picture shows the reference tag with another one.
+/// (Ceres), the reference tag held where the board given has it. Corners that leave more than they should are
+/// complained of, with the picture or tag that leaves most: a wrong camera file, size or print leaves much everywhere,
+/// a picture in which something moved leaves much alone. Throws std::invalid_argument if no picture shows the reference
+/// tag with another one.
 BoardSurvey survey_board(const std::vector<TagView>& views, const Board& board, const CameraModel& camera,
                          int reference_id);
 

@@ -368,6 +368,95 @@ TEST_CASE("a slip of the pen on the command line is named, with what would be ri
   refused("export x --mp4 x.avi", ".mp4");
 }
 
+TEST_CASE("no calibration writes onto what it reads, nor one result onto another", "[quick]") {
+  const Scratch scratch;
+  const auto refused = [&](const std::string& arguments, const std::string& option, const std::string& file) {
+    const std::string before = contents(scratch.folder / file);
+    const Run one = run(scratch, "calibrate " + arguments);
+    CAPTURE(arguments, one.err);
+    CHECK(one.code == 2);
+    CHECK_THAT(one.err, Contains(option) && Contains(file));
+    CHECK(contents(scratch.folder / file) == before);
+  };
+  const std::string board = scratch.path("board.yaml");
+  REQUIRE(run(scratch, "calibrate target --output " + scratch.path("board.pdf") + " --description " + board).code == 0);
+  std::filesystem::create_directories(scratch.folder / "pictures");
+  scratch.write("pictures/a.png", "no picture");
+  const std::string pictures = scratch.path("pictures");
+  std::filesystem::create_symlink(scratch.folder / "pictures" / "a.png", scratch.folder / "link.png");
+  const std::string camera = scratch.write("camera.yaml",
+                                           "camera: {width: 1280, height: 1024, fx: 1100, fy: 1100, cx: 640, cy: 512, "
+                                           "dist: [0, 0, 0, 0, 0]}\n");
+  const std::string intrinsics = "intrinsics --images " + pictures + " --target " + board;
+  refused(intrinsics + " --output " + board, "--output", "board.yaml");
+  refused(intrinsics + " --output " + scratch.path("link.png"), "--output", "link.png");
+  refused(intrinsics + " --output " + scratch.path("c.yaml") + " --report " + board, "--report", "board.yaml");
+  refused(intrinsics + " --output " + scratch.path("c.yaml") + " --report " + scratch.folder.string() + "/./c.yaml",
+          "--report", "c.yaml");
+  refused("convert --camera " + camera + " --format visp --output " + camera, "--output", "camera.yaml");
+  const std::string station = "station --images " + pictures + " --camera " + camera + " --board " + board;
+  refused(station + " --output " + camera, "--output", "camera.yaml");
+  refused(station + " --output " + board, "--output", "board.yaml");
+  refused(station + " --output " + pictures + "/a.png", "--output", "pictures/a.png");
+  refused("wizard --target " + board + " --camera images:" + pictures + " --session " + scratch.path("session") +
+              " --output " + board,
+          "--output", "board.yaml");
+  refused("wizard --target " + board + " --camera images:" + pictures + " --session " + pictures, "--session",
+          "pictures");
+  refused("target --output " + scratch.path("x") + " --description " + scratch.path("x"), "--description", "x");
+  // The same results again are results, not inputs.
+  CHECK(run(scratch, "calibrate target --output " + scratch.path("board.pdf") + " --description " + board).code == 0);
+}
+
+TEST_CASE("the wizard keeps both rulers' lengths, asked for or given, and may write into its session", "[quick]") {
+  const Scratch scratch;
+  const std::string board = scratch.path("board.yaml");
+  REQUIRE(run(scratch, "calibrate target --output " + scratch.path("board.pdf") + " --description " + board).code == 0);
+  std::filesystem::create_directories(scratch.folder / "pictures");
+  scratch.write("pictures/a.png", "no picture");
+  const std::string lengths = scratch.write("lengths", "99.5\n100.25\n");
+  const auto walk = [&](const std::string& session, const std::string& options) {
+    // No picture can be read, so it ends without a camera; what was measured is kept all the same.
+    const std::string arguments =
+        "calibrate wizard --target " + board + " --camera images:" + scratch.path("pictures") + " --session " +
+        scratch.path(session) + " --output " + scratch.path(session + "/camera.yaml") + options;
+    const std::string command = std::string(TAGDOCK_PROGRAM) + " " + arguments + " <" + lengths + " >" +
+                                scratch.path("out") + " 2>" + scratch.path("err");
+    CHECK(std::system(command.c_str()) != 0);
+    CHECK(contents(scratch.folder / "out").empty());
+    return contents(scratch.folder / session / "target.yaml");
+  };
+  CHECK_THAT(walk("asked", ""), Contains("over_drawn_x: 0.995\n") && Contains("over_drawn_y: 1.0025\n"));
+  CHECK_THAT(walk("given", " --measured-x 100.5"),
+             Contains("over_drawn_x: 1.005\n") && Contains("over_drawn_y: 0.995\n"));
+}
+
+TEST_CASE("targets and converted cameras are also told as JSON, and nothing else is on stdout", "[quick]") {
+  const Scratch scratch;
+  const Run drawn = run(scratch, "calibrate target --kind tag --paper A5 --id 3 --json --output " +
+                                     scratch.path("t.pdf") + " --description " + scratch.path("t.yaml"));
+  REQUIRE(drawn.code == 0);
+  const auto tag = nlohmann::json::parse(drawn.out);
+  CHECK(tag["target"]["id"] == 3);
+  CHECK_THAT(contents(scratch.folder / "t.yaml"),
+             Contains("tag_size: " + nlohmann::json(tag["target"]["tag_size"]).dump()));
+  // With its white rim and marks of 6 mm it stays clear of margins and foot.
+  CHECK(1250.0 * tag["target"]["tag_size"].get<double>() + 12.0 <= tag["paper"]["height_mm"].get<double>() - 44.0);
+  const Run plates = run(scratch, "calibrate target --kind vboard --json --output " + scratch.path("v.pdf"));
+  REQUIRE(plates.code == 0);
+  CHECK(nlohmann::json::parse(plates.out)["board"]["tags"].size() == 3);
+  const std::string camera = scratch.write("camera.yaml",
+                                           "camera: {width: 1280, height: 1024, fx: 1100, fy: 1100, cx: 640, cy: 512, "
+                                           "dist: [0.1, 0, 0.001, 0, 0]}\n");
+  const Run made =
+      run(scratch, "calibrate convert --json --camera " + camera + " --format visp --output " + scratch.path("c.xml"));
+  REQUIRE(made.code == 0);
+  const auto converted = nlohmann::json::parse(made.out);
+  CHECK(converted["camera"]["fx"].get<double>() == Approx(1100.0).epsilon(0.01));
+  CHECK(converted["loss_px"]["max"].get<double>() > 0.01);  // ViSP's model has no p1
+  CHECK_THAT(contents(scratch.folder / "c.xml"), Contains("<camera>"));
+}
+
 TEST_CASE("docks are also told as JSON", "[quick]") {
   const Scratch scratch;
   const std::string nav2 = scratch.write("nav2.yaml", "docks:\n  home: {frame: map, pose: [1.5, -2.0, 0.5]}\n");

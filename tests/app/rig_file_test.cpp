@@ -70,6 +70,33 @@ TEST_CASE("what was read and written again reads the same to the last bit") {
     CHECK(once.tags[i].T_station_tag.matrix() == twice.tags[i].T_station_tag.matrix());
 }
 
+TEST_CASE("a board that was printed larger than drawn is the board that was printed") {
+  const Board drawn = default_board(0.35);
+  const std::string text = drawn_board_text(drawn);
+  CHECK(read_board(written("board.yaml", text)).tags[0].size == drawn.tags[0].size);
+  const auto measured = [&](const std::string& x, const std::string& y) {
+    std::string changed = text;
+    changed.replace(changed.find("_x: 1\n") + 4, 1, x);
+    changed.replace(changed.find("_y: 1\n") + 4, 1, y);
+    return changed;
+  };
+  const Board larger = read_board(written("board.yaml", measured("1.02", "1.02")));
+  for (std::size_t i = 0; i < drawn.tags.size(); ++i) {
+    CHECK(larger.tags[i].size == Approx(1.02 * drawn.tags[i].size));
+    const Eigen::Vector3d was = drawn.tags[i].T_station_tag.translation();
+    const Eigen::Vector3d is = larger.tags[i].T_station_tag.translation();
+    CHECK((is - Eigen::Vector3d(1.02 * was.x(), 1.02 * was.y(), was.z())).norm() < 1e-12);  // its height is not printed
+  }
+  CHECK_THAT(refusal_of_board(measured("1.01", "1.00")), Contains("measured_over_drawn_x") && Contains("no squares"));
+  CHECK_THAT(refusal_of_board(measured("102", "102")), Contains("measured_over_drawn_x"));
+}
+
+TEST_CASE("a survey that was refused is no board to dock at") {
+  const std::string text = text_of(default_board(0.35));
+  CHECK_THAT(refusal_of_board(text + "verdict: \"refused\"\nquality: {reasons: [x]}\n"), Contains("verdict"));
+  CHECK(refusal_of_board(text + "verdict: \"good\"\nquality: {reasons: []}\n").empty());
+}
+
 TEST_CASE("a bad rig or board is refused with file, line and key") {
   std::string text = text_of(default_rig());
   text.replace(text.find("fx: "), 4, "fx: -");

@@ -13,12 +13,18 @@
 #include <vector>
 
 #include <catch2/catch.hpp>
+#include <nlohmann/json.hpp>
 #include <opencv2/imgcodecs.hpp>
 
+#include "app/calibration_result.h"
 #include "app/camera_file.h"
+#include "app/failure.h"
+#include "app/rig_file.h"
 #include "app/target_file.h"
 #include "calibration/projection_difference.h"
+#include "calibration/rig.h"
 #include "tests/calibration/board_rendering.h"
+#include "tests/detection/scene_rendering.h"
 
 using namespace tagdock;
 using namespace tagdock::testing;
@@ -168,4 +174,59 @@ TEST_CASE("a wizard takes still views from a GigE camera by itself until it has 
   const CameraModel found = CameraFile::load(scratch.path("camera.yaml")).camera();
   CHECK(projection_difference(truth, found).largest() < 0.4);
   camera.end(SIGTERM);
+}
+
+TEST_CASE("a station is surveyed from pictures with a verdict, and one in which a plate moved is told") {
+  const Scratch scratch;
+  Board real = default_board(0.35);
+  real.tags[0].T_station_tag = upright_tag(0.004, 0.202, 0.351, -0.55);
+  const Rig rig = default_rig();
+  fs::create_directories(scratch.folder / "pictures");
+  std::mt19937_64 random(5);
+  const auto take = [&](int number, const Board& board) {
+    const double bearing = -0.5 + 0.2 * number;
+    const double distance = 1.0 + 0.05 * (number % 3);
+    Eigen::Isometry3d T_station_base = Eigen::Isometry3d::Identity();
+    T_station_base.linear() = Eigen::AngleAxisd(-bearing, Eigen::Vector3d::UnitZ()).toRotationMatrix();
+    T_station_base.translation() << -distance * std::cos(bearing), distance * std::sin(bearing), 0.0;
+    cv::Mat1d grey(rig.camera.height, rig.camera.width, 120.0);
+    for (const BoardTag& tag : board.tags) {
+      Scene scene;
+      scene.camera = rig.camera;
+      scene.id = tag.id;
+      scene.size = tag.size;
+      scene.T_camera_tag = (T_station_base * level_camera(0.0, 0.35)).inverse() * tag.T_station_tag;
+      render_into(grey, scene);
+    }
+    cv::imwrite(scratch.path("pictures/" + std::to_string(number) + ".png"), digitised(grey, 1.5, random));
+  };
+  for (int number = 0; number < 6; ++number) take(number, real);
+  std::ofstream(scratch.folder / "camera.yaml") << to_yaml({{"camera", camera_block(rig.camera)}});
+  std::ofstream(scratch.folder / "board.yaml") << drawn_board_text(default_board(0.35));
+  const std::vector<std::string> command{"/bin/sh", "-c",
+                                         std::string(TAGDOCK_PROGRAM) + " calibrate station --images " +
+                                             scratch.path("pictures") + " --camera " + scratch.path("camera.yaml") +
+                                             " --board " + scratch.path("board.yaml") + " --output " +
+                                             scratch.path("measured.yaml") + " --json > " + scratch.path("json")};
+  Child good(command, scratch.path("err"));
+  const int code = good.wait();
+  INFO(contents(scratch.folder / "err"));
+  REQUIRE(code == 0);
+  const auto told = nlohmann::json::parse(contents(scratch.folder / "json"));
+  CHECK(told["verdict"] == "good");
+  CHECK(told["quality"]["pictures"].size() == 6);
+  CHECK(told["quality"]["rms_px"].get<double>() < 0.2);
+  const Board measured = read_board(scratch.path("measured.yaml"));
+  CHECK(1000.0 * (measured.tags[0].T_station_tag.translation() - real.tags[0].T_station_tag.translation()).norm() <
+        1.0);  // mm, the sigma that is asked for
+
+  Board moved = real;
+  moved.tags[2].T_station_tag.translation().y() -= 0.02;
+  take(3, moved);
+  Child bad(command, scratch.path("err"));
+  CHECK(bad.wait() == 7);
+  CHECK_THAT(contents(scratch.folder / "err"), Contains("REFUSED: corners leave") && Contains("most in 3.png"));
+  CHECK(nlohmann::json::parse(contents(scratch.folder / "json"))["verdict"] == "refused");
+  CHECK_THROWS_AS(read_board(scratch.path("measured.yaml")), Failure);
+  CHECK(read_board(scratch.path("measured.yaml.good")).tags.size() == 3);
 }

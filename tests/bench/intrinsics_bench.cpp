@@ -1,6 +1,6 @@
-// The rows of the table that need pictures: intrinsics_bench [seeds] [row ...]; `dump ROW SEED DIR` writes the
-// pictures and the target of one run instead; `corners ROW SEEDS` says what corners are wrong by; `opencv DIR` compares
-// on OpenCV's sample pictures left01.jpg .. right14.jpg (Debian: opencv-doc).
+// The rows of the table that need pictures: intrinsics_bench [seeds] [row ...]; `dump ROW SEED DIR [VIEWS]`
+// writes the pictures and the target of one run instead; `corners ROW SEEDS` says what corners are wrong by; `opencv
+// DIR` compares on OpenCV's sample pictures left01.jpg .. right14.jpg (Debian: opencv-doc).
 #include <algorithm>
 #include <cstdio>
 #include <cstdlib>
@@ -422,9 +422,10 @@ int main(int argc, char** argv) {
   rows[8] = Row{"fisheye", charuco, 30, false, false, false, false, true, std::nullopt};
   rows[9] = Row{"fisheye_taken_for_k1_k2", charuco, 30, false, false, false, false, true, LensModel::k1_k2};
   if (argc == 3 && std::string(argv[1]) == "opencv") return opencv_pictures(argv[2]);
-  if (argc == 5 && std::string(argv[1]) == "dump") {
-    for (const Row& row : rows) {
+  if ((argc == 5 || argc == 6) && std::string(argv[1]) == "dump") {
+    for (Row& row : rows) {
       if (row.name != argv[2]) continue;
+      if (argc == 6) row.views = std::atoi(argv[5]);
       const std::filesystem::path folder = argv[4];
       std::filesystem::create_directories(folder / "images");
       const Case shots = take(row, std::atoi(argv[3]));

@@ -15,13 +15,20 @@
 using namespace tagdock;
 using namespace tagdock::testing;
 
-TEST_CASE("a V board that was folded to another angle is surveyed to tenths of a millimetre") {
+namespace {
+
+/// The default board folded to another angle.
+Board folded_board() {
+  Board board = default_board(0.35);
+  board.tags[0].T_station_tag = upright_tag(0.004, 0.202, 0.351, -0.55);
+  board.tags[2].T_station_tag = upright_tag(-0.003, -0.199, 0.349, 0.50);
+  return board;
+}
+
+/// Twelve pictures from 0.9 to 1.1 m and 35 degrees to both sides, corners with 0.05 px of noise.
+std::vector<TagView> pictures_of(const Board& real) {
   std::mt19937_64 random(4);
   std::normal_distribution<double> normal(0.0, 0.05);
-  const Board drawn = default_board(0.35);
-  Board real = drawn;
-  real.tags[0].T_station_tag = upright_tag(0.004, 0.202, 0.351, -0.55);
-  real.tags[2].T_station_tag = upright_tag(-0.003, -0.199, 0.349, 0.50);
   const Rig rig = default_rig();
   std::vector<TagView> views;
   for (int i = 0; i < 12; ++i) {
@@ -42,6 +49,16 @@ TEST_CASE("a V board that was folded to another angle is surveyed to tenths of a
     }
     views.push_back(view);
   }
+  return views;
+}
+
+}  // namespace
+
+TEST_CASE("a V board that was folded to another angle is surveyed to tenths of a millimetre") {
+  const Board drawn = default_board(0.35);
+  const Board real = folded_board();
+  const Rig rig = default_rig();
+  const std::vector<TagView> views = pictures_of(real);
   const BoardSurvey survey = survey_board(views, drawn, rig.camera, 1);
   CHECK(survey.complaints.empty());
   for (const std::size_t i : {std::size_t{0}, std::size_t{2}}) {
@@ -54,6 +71,37 @@ TEST_CASE("a V board that was folded to another angle is surveyed to tenths of a
   }
   CHECK(survey.board.tags[1].T_station_tag.isApprox(drawn.tags[1].T_station_tag));
   CHECK_THROWS_AS(survey_board({}, drawn, rig.camera, 1), std::invalid_argument);
+  CHECK(survey.pictures.size() == 12);
+  CHECK(survey.over_claimed == Approx(1.0).margin(0.15));  // 288 coordinates less 84 unknowns: 5 % by chance
+}
+
+TEST_CASE("a survey whose corners leave too much is refused, with the number and what to look at") {
+  const Board drawn = default_board(0.35);
+  const Rig rig = default_rig();
+  const std::vector<TagView> good = pictures_of(folded_board());
+
+  std::vector<TagView> moved = good;
+  for (TagView::Tag& tag : moved[5].tags)
+    if (tag.id == 2)
+      for (Eigen::Vector2d& corner : tag.corners_px) corner.x() += 8.0;
+  const BoardSurvey one = survey_board(moved, drawn, rig.camera, 1);
+  REQUIRE(one.complaints.size() == 1);
+  CHECK(one.complaints[0].find("most in 5 (") != std::string::npos);
+  CHECK(one.complaints[0].find("take it again") != std::string::npos);
+
+  CameraModel other = rig.camera;  // of another lens
+  other.k1 -= 0.3;
+  const BoardSurvey wrong = survey_board(good, drawn, other, 1);
+  REQUIRE_FALSE(wrong.complaints.empty());
+  const std::string told = wrong.complaints.back();
+  CHECK(told.find("corners leave") == 0);
+  CHECK(told.find("check that the camera file") != std::string::npos);
+
+  Board larger = drawn;  // sizes that are not those of the prints
+  for (BoardTag& tag : larger.tags) tag.size *= 1.0 + 0.05 * tag.id;
+  const BoardSurvey sized = survey_board(good, larger, rig.camera, 1);
+  INFO(sized.rms_px << " px, " << sized.over_claimed);
+  CHECK_FALSE(sized.complaints.empty());
 }
 
 TEST_CASE("dockings by hand are averaged, and one that went wrong is left out") {
