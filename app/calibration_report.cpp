@@ -160,9 +160,10 @@ struct Bar {
   bool pale;
 };
 
-/// @param x_label  what the names below the bars are
+/// @param x_label    what the names below the bars are
+/// @param top_value  of the axis; 0: as tall as the bars are
 Figure bars(const std::string& title, const std::string& x_label, const std::string& y_label,
-            const std::vector<Bar>& all) {
+            const std::vector<Bar>& all, double top_value = 0.0) {
   // Pale bars say what was not taken: they do not make the others too small to be read.
   double most = 0.0;
   for (const Bar& one : all)
@@ -171,6 +172,7 @@ Figure bars(const std::string& title, const std::string& x_label, const std::str
   for (const Bar& one : all)
     if (one.pale && std::isfinite(one.value)) most_pale = std::max(most_pale, one.value);
   most = most > 0.0 ? std::max(most, std::min(2.0 * most, most_pale)) : std::max(1e-6, most_pale);
+  if (top_value > 0.0) most = top_value;
   Axes axes;
   axes.most = Vector2d(static_cast<double>(std::max<std::size_t>(1, all.size())), 1.05 * most);
   axes.height = 260.0;
@@ -285,7 +287,7 @@ Figure determined(const HandEyeResult& result) {
     all.push_back({i < result.direction_words.size() ? result.direction_words[i] : std::to_string(i + 1),
                    100.0 * result.direction_ratios[i], result.direction_ratios[i] > 0.2});
   return bars("what the drive leaves open of what was not known before (pale: not determined)",
-              "direction, named by its largest part", "%", all);
+              "direction, named by its largest part", "%", all, 100.0);
 }
 
 }  // namespace
@@ -385,8 +387,12 @@ Report hand_eye_report(const HandEyeProblem& problem, const HandEyeResult& resul
                 "10 degrees beside the heading taught (one sigma). A metre driven blind adds %.2f mm.",
                 place, 2.0 * std::sin(0.5 * radians(10.0)) * place, 1000.0 * result.rotation_sigma));
   for (const std::string& complaint : result.complaints) report.verdict.push_back("Refused: " + complaint + ".");
-  for (const Unobservable& open : result.unobservable)
-    report.verdict.push_back("Not determined: " + open.word + ". " + open.cure + ".");
+  for (const Unobservable& open : result.unobservable) {
+    const bool refused = std::any_of(result.complaints.begin(), result.complaints.end(), [&](const std::string& told) {
+      return told.starts_with(open.word + " is not determined");
+    });
+    if (!refused) report.verdict.push_back("Not determined: " + open.word + ": " + open.cure + ".");
+  }
   const Eigen::Vector3d t = result.T_base_camera.translation();
   report.sentences.push_back(text_of(
       "Camera on the base: x %.4f m, y %.4f m (each +- %.2f mm), z %.3f m (+- %.0f mm), direction +- %.3f degrees.",

@@ -630,8 +630,9 @@ IntrinsicsResult calibrate_intrinsics(const std::vector<CalibrationView>& all, i
   constexpr double most_systematic_px = 0.05;
   const bool misfit = result.neighbours_agree > most_agreement && result.systematic_px > most_systematic_px;
   // Corners that err alike are worth fewer: m of them that agree by r have the variance of m / (1 + (m - 1) r) that do
-  // not (the design effect: Kish, Survey Sampling, 1965).
-  if (misfit) {
+  // not (the design effect: Kish, Survey Sampling, 1965). By chance r stays below 0.1.
+  constexpr double chance_agreement = 0.15;
+  if (result.neighbours_agree > chance_agreement && result.systematic_px > most_systematic_px) {
     const double in_a_view = static_cast<double>(result.corners.size()) / static_cast<double>(used.size());
     wider = std::max(wider, 1.0 + (in_a_view - 1.0) * result.neighbours_agree);
   }

@@ -122,7 +122,14 @@ TEST_CASE("no words of a report's figures lie on others or leave their figure, a
   how.by_wheels = false;
   how.stops = 13;
   DriveData straight = drive(how);
-  check_readable(hand_eye_report(straight.problem, calibrate_hand_eye(straight.problem)));
+  const HandEyeResult unknown = calibrate_hand_eye(straight.problem);
+  REQUIRE(unknown.direction_words.size() == 6);
+  CHECK(unknown.direction_ratios.back() > 0.5);
+  CHECK_THAT(unknown.direction_words.back(), Catch::Equals("tx") || Catch::Equals("ty"));  // no turn tells them
+  const Report open = hand_eye_report(straight.problem, unknown);
+  check_readable(open);
+  CHECK(told(open).find("tx is not determined") != std::string::npos);
+  CHECK(told(open).find("Not determined: tx") == std::string::npos);  // said once
   const fs::path folder = fs::temp_directory_path() / ("tagdock_report_" + std::to_string(::getpid()));
   fs::create_directories(folder);
   to_pdf(camera, folder / "camera.pdf");
