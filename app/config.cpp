@@ -191,6 +191,7 @@ void visit(Fields& fields, DockingConfig& docking) {
     inner.number("response_time_s", docking.line.response_time, 0.0, 2.0);
     inner.number("gain", docking.centering.gain, 0.01, 10.0);
     inner.number("turn_gain", docking.centering.turn_gain, 0.01, 10.0);
+    inner.number("max_sigma_y_m", docking.servo.max_sigma_y, 1e-4, 1.0);
     seconds(inner, "timeout_s", docking.servo.timeout, 1.0, 600.0);
   });
   fields.group("run_in", [&](Fields& inner) {
@@ -201,6 +202,7 @@ void visit(Fields& fields, DockingConfig& docking) {
   fields.group("acquire", [&](Fields& inner) {
     inner.integer("sightings", docking.acquire.sightings, 1, 1000);
     inner.number("max_sigma_y_m", docking.acquire.max_sigma_y, 1e-4, 1.0);
+    inner.degrees("max_sigma_yaw_deg", docking.acquire.max_sigma_yaw, 0.001, 45.0);
     seconds(inner, "timeout_s", docking.acquire.timeout, 1.0, 600.0);
   });
   fields.group("tolerance", [&](Fields& inner) {
