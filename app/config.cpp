@@ -188,6 +188,8 @@ void visit(Fields& fields, DockingConfig& docking) {
     inner.number("lengths_per_lag", docking.lengths_per_lag, 0.0, 10.0);
     inner.number("max_speed", docking.line.max_speed, 0.01, 0.3);
     inner.number("braking", docking.line.braking, 0.005, 3.0);
+    inner.number("end_speed", docking.line.end_speed, 0.001, 0.3);
+    inner.number("speed_per_distance", docking.line.speed_per_distance, 0.05, 20.0);
     inner.number("response_time_s", docking.line.response_time, 0.0, 2.0);
     inner.number("gain", docking.centering.gain, 0.01, 10.0);
     inner.number("turn_gain", docking.centering.turn_gain, 0.01, 10.0);

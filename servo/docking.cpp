@@ -119,7 +119,12 @@ Step next_attempt(const Job& job, const Reason& reason, const Inputs& inputs, co
 
 // The estimate was lost on the way: find it again where the robot stands.
 Step acquire_again(const Job& job, const Inputs& inputs, const DockingConfig& config, const std::string& where) {
-  const Reason reason{Cause::pose_uncertain, "the sightings did not fit odometry any more " + where};
+  Reason reason{Cause::pose_uncertain, "the sightings did not fit odometry any more " + where};
+  if (inputs.sighting && inputs.sighting->use == SightingUse::lost) {
+    const Pose2& apart = inputs.sighting->innovation;
+    reason.sentence += text(": they are %.0f mm and %.1f degrees apart; do the wheels slip, was the board moved?",
+                            1e3 * std::hypot(apart.x, apart.y), degrees(std::abs(apart.yaw)));
+  }
   Job next = job;
   if (!next.first_cause) next.first_cause = reason;
   if (job.attempts > config.back_off.retries) return failed(next, *next.first_cause);
@@ -493,6 +498,9 @@ Step step_following(const Following& before, const Inputs& inputs, const Docking
     controller.damping = config.fused_damping;
     controller.castor_scrub = inputs.estimate->castor_scrub;
     controller.castors = config.filter.castors;
+    // With castors that lag by K a deviation y counted over l alone leaves the damping g (1 - K/l); over l + K it is
+    // g l / (l + K), and no castor makes it negative (see LineLawConfig::lag).
+    controller.lateral_length += heading_lag(inputs.estimate->castor_scrub, config.filter.castors);
   }
   const FollowStep driven = follow(now.path, now.follow, pose, inputs.step, controller, inputs.last_command.linear);
   now.follow = driven.next;
@@ -638,9 +646,9 @@ Step step_backing_off(const BackingOff& before, const Inputs& inputs, const Dock
   if (!inputs.estimate) return acquire_again(now.job, inputs, config, "in the back-off");
   if (late) return timed_out(now, inputs, config);
   if (!now.reached) {
-    const LineCommand line =
-        back_along_line(line_target(now.job, config), inputs.estimate->T_station_base, back_off_to(now.job, config),
-                        inputs.last_command, inputs.odometry.velocity.linear, inputs.step, config.line);
+    const LineCommand line = back_along_line(
+        line_target(now.job, config), steered_by(*inputs.estimate), back_off_to(now.job, config), inputs.last_command,
+        inputs.odometry.velocity.linear, inputs.step, law_for(*inputs.estimate, config));
     if (line.reached) now.reached = inputs.now;
     return {now, against_pull(line.command, *inputs.estimate), {}};
   }
@@ -665,9 +673,9 @@ Step step_undocking(const Undocking& before, const Inputs& inputs, const Docking
             {},
             text("%.2f m before the board", camera_distance(inputs.estimate->T_station_base, config))};
   }
-  const LineCommand line =
-      back_along_line(line_target(now.job, config), inputs.estimate->T_station_base, config.undock.camera_distance,
-                      inputs.last_command, inputs.odometry.velocity.linear, inputs.step, config.line);
+  const LineCommand line = back_along_line(
+      line_target(now.job, config), steered_by(*inputs.estimate), config.undock.camera_distance, inputs.last_command,
+      inputs.odometry.velocity.linear, inputs.step, law_for(*inputs.estimate, config));
   if (line.reached) now.reached = inputs.now;
   return {now, against_pull(line.command, *inputs.estimate), {}};
 }

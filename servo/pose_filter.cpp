@@ -401,7 +401,7 @@ FilterUpdate PoseFilter::fuse(const PlanarSighting& first, const std::optional<P
   if (!(d2 < config_.gate)) {
     if (++rejects_ >= config_.rejects_until_lost) {
       forget();
-      return {SightingUse::lost, sighting, d2, {}, {}, 0.0};
+      return {SightingUse::lost, sighting, d2, pose_of(difference(sighting.T_station_base, expected)), {}, 0.0};
     }
     // One of the two is wrong; the estimate is believed less from now on (notes on docking, 4.6).
     for (State& state : states_) state.covariance *= config_.doubt;

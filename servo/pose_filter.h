@@ -121,9 +121,9 @@ struct FilterUpdate {
   SightingUse use = SightingUse::invalid;
   std::optional<PlanarSighting> sighting;  ///< the pose that was fused, collected or rejected
   double distance2 = 0.0;                  ///< squared Mahalanobis distance from the estimate at image time; 0 without
-  // In the station frame, of the axle; zero unless fused or rejected:
-  Pose2 innovation;          ///< seen less expected
-  Pose2 correction;          ///< what the estimate was changed by
+  // In the station frame, of the axle:
+  Pose2 innovation;          ///< seen less expected; zero unless fused, rejected or lost
+  Pose2 correction;          ///< what the estimate was changed by; zero unless fused
   double castor_turn = 0.0;  ///< rad that the castors are believed to have turned the robot by, either way, so far
 };
 
