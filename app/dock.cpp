@@ -169,8 +169,8 @@ class Talk {
 std::string progress_words(const Docker& docker, const TickResult& result, const Pose2& T_base_camera) {
   std::string text(name(docker.phase()));
   char part[128];
-  if (result.distance_to_go) {
-    std::snprintf(part, sizeof part, "  to go %.3f m", *result.distance_to_go);
+  if (const std::optional<double> rest = docker.distance_to_go(result)) {
+    std::snprintf(part, sizeof part, "  to go %.3f m", *rest);
     text += part;
   }
   if (result.estimate) {
@@ -326,8 +326,8 @@ class Docking {
     // From here on the edges are measured for the last time: half a metre and the fix itself.
     constexpr double final_approach = 0.5;
     const std::string phase(name(loop_.docker().phase()));
-    const bool frozen =
-        phase == "fixing" || (outputs.docking.distance_to_go && *outputs.docking.distance_to_go < final_approach);
+    const std::optional<double> rest = loop_.docker().distance_to_go(outputs.docking);
+    const bool frozen = phase == "fixing" || (rest && *rest < final_approach);
     const auto light = meter(frame.frame.gray, tags);
     if (!light) return;
     if (const auto wanted = exposure_.next(*light, {frame.exposure_us, frame.gain}, speed_px, frozen)) {
