@@ -78,7 +78,7 @@ struct PoseFilterConfig {
   double settled_log_odds = 10.0;
   /// What takes the yaw of an unsettled sighting out of the fusion [rad].
   double unsettled_yaw = 0.0873;
-  std::size_t readings_remembered = 200;  ///< odometry readings, 4 s at 50 Hz
+  std::size_t readings_remembered = 200;  ///< and fused sightings among them: 2.7 s at 50 Hz and 25 frames a second
   /// How well one frame tells the pose, as measured: a sighting that claims more counts no more than this.
   std::optional<SensorErrors> sensor;
 };
