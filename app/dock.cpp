@@ -263,13 +263,12 @@ class Docking {
     report.phases.push_back({std::string(name(report.last)), end, end});
     report.duration = end - begin;
     devices_.robot->stop();
-    if (devices_.true_camera_point) {
+    if (devices_.true_docking_error) {
       // The robot is at rest when the docking is over; what a stop in motion still rolls belongs to the error.
       devices_.clock->sleep_until(end + std::chrono::milliseconds(500));
       (void)devices_.robot->read();
-      const Pose2 truth = devices_.true_camera_point();
-      const Pose2& dock = config_.simulation.taught_at_known ? config_.simulation.taught_at : config_.docking.dock_pose;
-      report.true_error = Pose2{truth.x - dock.x, truth.y - dock.y, wrap_angle(truth.yaw - dock.yaw)};
+      report.true_error = devices_.true_docking_error(config_.simulation.taught_at_known ? config_.simulation.taught_at
+                                                                                         : config_.docking.dock_pose);
     }
     talk_.clear();
     constexpr double sharp_px = 1.0;

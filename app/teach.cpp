@@ -156,7 +156,7 @@ int teach(const TeachOptions& options) {
   Config config = configuration(options);
   Config at_dock = config;
   at_dock.docking.errand = Errand::undock;  // where a simulated robot is put
-  Devices devices = open_devices(at_dock, {options.seed, options.speedup, false});
+  Devices devices = open_devices(at_dock, {options.seed, options.speedup, false, true});
   const Stand stand = look(config, devices, options.seconds);
   devices.robot->stop();
 
