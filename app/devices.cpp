@@ -130,7 +130,7 @@ Devices open_devices(const Config& config, const DeviceOptions& options) {
   const auto now = [clock = devices.clock.get()] { return clock->now(); };
 
   if (simulated_camera && options.speedup) {
-    devices.camera = in_process_camera(world, config.simulation.faults);
+    devices.camera = in_process_camera(world, config.simulation.faults, config.camera.gain);
     devices.camera_name = "simulated, in-process";
   } else if (simulated_camera) {
     const std::string address = "127.0.0.1";
