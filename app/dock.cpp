@@ -98,6 +98,11 @@ Config configuration(const DockOptions& options) {
     if (!dock.board.empty()) config.board = read_board(std::filesystem::path(options.docks).parent_path() / dock.board);
     if (dock.dock_pose) config.docking.dock_pose = *dock.dock_pose;
     if (!dock.board.empty() || dock.dock_pose) forget_taught(config);
+    if (dock.taught) {
+      config.docking.dock_pose_taught = true;
+      config.docking.dock_pose_covariance = dock.taught->covariance;
+      config.docking.taught_hang = dock.taught->hang;
+    }
   }
   if (!options.rig.empty()) config.rig = read_rig(options.rig);
   if (!options.board.empty()) config.board = read_board(options.board);
