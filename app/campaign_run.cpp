@@ -5,6 +5,7 @@
 
 #include "app/simulation/draws.h"
 #include "app/simulation/frame_schedule.h"
+#include "app/simulation/untouched.h"
 #include "detection/tag_locator.h"
 #include "planning/docking_plan.h"
 #include "servo/docker.h"
@@ -286,7 +287,7 @@ RunRecord run_paper(const RunSettings& settings, std::uint64_t seed, RunTrace* t
 std::optional<Fix> taught_pose(const RunSettings& settings, std::uint64_t seed) {
   constexpr std::size_t count = 40;
   RunSettings before = settings;
-  before.scenario.residuals.camera_bump = 0.0;
+  before.scenario = untouched(settings.scenario);
   // The lens itself is put at the dock, wherever calibration believes that it sits on the robot.
   const Pose2& dock = settings.config.docking.dock_pose;
   const Eigen::Vector3d lens =
@@ -300,9 +301,6 @@ std::optional<Fix> taught_pose(const RunSettings& settings, std::uint64_t seed) 
   start.heading = dock.yaw - start.bearing;
   start.range_sigma = start.bearing_sigma = start.bearing_spread = start.heading_sigma = start.heading_spread =
       start.castor_sigma = 0.0;
-  before.scenario.station.moved = {};
-  before.scenario.station.sunk = before.scenario.station.lean = 0.0;
-  before.scenario.faults = {};
   Run run(before, seed);
   PoseFilter filter(settings.config.rig, settings.config.docking.filter);
   const std::vector<RestSighting> seen = look_at_standstill(run, filter, count);

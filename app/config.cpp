@@ -10,6 +10,7 @@
 #include "app/fields.h"
 #include "app/rig_file.h"
 #include "app/sensor_error_file.h"
+#include "app/taught_fields.h"
 
 namespace tagdock {
 namespace {
@@ -120,24 +121,7 @@ void visit(Fields& fields, DockingConfig& docking) {
   fields.word("errand", errand, {"dock", "undock"});
   docking.errand = errand == "dock" ? Errand::dock : Errand::undock;
   fields.group("taught", [&](Fields& inner) {
-    inner.flag("measured", docking.dock_pose_taught);
-    visit_covariance(inner, docking.dock_pose_covariance);
-    inner.require(docking.dock_pose_taught == (docking.dock_pose_covariance.diagonal().minCoeff() > 0.0), "measured",
-                  "goes with sigma_x_m, sigma_y_m and sigma_yaw_deg above 0, and those with measured: true; "
-                  "`tagdock teach` writes them together");
-    bool hang = docking.taught_hang.has_value();
-    inner.flag("board_checked", hang);
-    inner.require(!hang || docking.dock_pose_taught, "board_checked", "needs measured: true: it is part of teaching");
-    BoardHang taught = docking.taught_hang.value_or(BoardHang{});
-    inner.number("camera_height_m", taught.camera_height, -10.0, 10.0);
-    inner.degrees("roll_deg", taught.roll, -45.0, 45.0);
-    inner.degrees("pitch_deg", taught.pitch, -45.0, 45.0);
-    inner.require(!hang || taught.camera_height != 0.0, "board_checked",
-                  "needs camera_height_m, roll_deg and pitch_deg as they were seen; `tagdock teach` writes them");
-    if (hang)
-      docking.taught_hang = taught;
-    else
-      docking.taught_hang.reset();
+    visit_taught(inner, docking.dock_pose_taught, docking.dock_pose_covariance, docking.taught_hang);
     inner.number("most_height_change_m", docking.hang_limits.height, 0.0, 1.0);
     inner.degrees("most_tilt_change_deg", docking.hang_limits.tilt, 0.0, 45.0);
   });
@@ -266,6 +250,27 @@ void visit(Fields& fields, Config& config) {
 }
 
 }  // namespace
+
+void visit_taught(Fields& fields, bool& measured, Eigen::Matrix3d& covariance, std::optional<BoardHang>& hang) {
+  fields.flag("measured", measured);
+  visit_covariance(fields, covariance);
+  fields.require(measured == (covariance.diagonal().minCoeff() > 0.0), "measured",
+                 "goes with sigma_x_m, sigma_y_m and sigma_yaw_deg above 0, and those with measured: true; "
+                 "`tagdock teach` writes them together");
+  bool hangs = hang.has_value();
+  fields.flag("board_checked", hangs);
+  fields.require(!hangs || measured, "board_checked", "needs measured: true: it is part of teaching");
+  BoardHang taught = hang.value_or(BoardHang{});
+  fields.number("camera_height_m", taught.camera_height, -10.0, 10.0);
+  fields.degrees("roll_deg", taught.roll, -45.0, 45.0);
+  fields.degrees("pitch_deg", taught.pitch, -45.0, 45.0);
+  fields.require(!hangs || taught.camera_height != 0.0, "board_checked",
+                 "needs camera_height_m, roll_deg and pitch_deg as they were seen; `tagdock teach` writes them");
+  if (hangs)
+    hang = taught;
+  else
+    hang.reset();
+}
 
 Config read_config(YamlMap map) {
   Config config;

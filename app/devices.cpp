@@ -12,6 +12,7 @@
 #include "app/robots/ros2.h"
 #include "app/robots/simulated.h"
 #include "app/simulation/live_world.h"
+#include "app/simulation/untouched.h"
 
 namespace tagdock {
 namespace {
@@ -86,11 +87,12 @@ CameraModel model_of_frames(const CameraModel& camera, const CameraSettings& act
   return camera_of_part(camera, actual.binning, actual.offset_x, actual.offset_y, actual.width, actual.height);
 }
 
-std::shared_ptr<SharedWorld> make_world(const Config& config, std::uint64_t seed) {
+std::shared_ptr<SharedWorld> make_world(const Config& config, const DeviceOptions& options) {
   Scenario scenario = config.simulation.scenario.empty() ? Scenario{} : read_scenario(config.simulation.scenario);
   // The simulated sensor obeys the settings, as a real one would.
   scenario.camera.frame_rate = config.camera.frame_rate;
   scenario.camera.exposure = 1e-6 * config.camera.exposure_us;
+  if (options.untouched) scenario = untouched(scenario);
   if (config.docking.errand == Errand::undock) {
     const Pose2& dock = config.docking.dock_pose;
     StartScenario& start = scenario.start;
@@ -102,7 +104,7 @@ std::shared_ptr<SharedWorld> make_world(const Config& config, std::uint64_t seed
   }
   Board board = config.board;
   if (config.simulation.faults.no_board) board.tags.clear();
-  return std::make_shared<SharedWorld>(scenario, config.rig, board, seed);
+  return std::make_shared<SharedWorld>(scenario, config.rig, board, options.seed);
 }
 
 }  // namespace
@@ -119,7 +121,7 @@ Devices open_devices(const Config& config, const DeviceOptions& options) {
   devices.robot_name = config.robot;
   devices.camera_model = config.rig.camera;
   std::shared_ptr<SharedWorld> world;
-  if (simulated_camera || config.robot == "sim") world = make_world(config, options.seed);
+  if (simulated_camera || config.robot == "sim") world = make_world(config, options);
   const steady_clock::time_point start = steady_clock::now();
   if (options.speedup)
     devices.clock = std::make_unique<LoopClock>(*options.speedup);
@@ -128,7 +130,7 @@ Devices open_devices(const Config& config, const DeviceOptions& options) {
   const auto now = [clock = devices.clock.get()] { return clock->now(); };
 
   if (simulated_camera && options.speedup) {
-    devices.camera = in_process_camera(world, config.simulation.faults);
+    devices.camera = in_process_camera(world, config.simulation.faults, config.camera.gain);
     devices.camera_name = "simulated, in-process";
   } else if (simulated_camera) {
     const std::string address = "127.0.0.1";
@@ -160,6 +162,11 @@ Devices open_devices(const Config& config, const DeviceOptions& options) {
       const std::lock_guard lock(world->mutex);
       world->world.advance(now());
       return world->world.T_station_camera_point();
+    };
+    devices.true_docking_error = [world, now](const Pose2& docking_pose) {
+      const std::lock_guard lock(world->mutex);
+      world->world.advance(now());
+      return world->world.docking_error(docking_pose);
     };
   } else if (config.robot == "ros2") {
     Ros2Robot ros2 = open_ros2(config.ros2, config.docking.gate.odometry, start);

@@ -31,6 +31,8 @@ struct Devices {
   std::unique_ptr<Robot> robot;
   /// Simulated only: camera point and heading in the station frame, for the report and never for the docking.
   std::function<Pose2()> true_camera_point;
+  /// Simulated only: the same against a docking pose, at the station as it stands now (World::docking_error).
+  std::function<Pose2(const Pose2&)> true_docking_error;
   std::string camera_name;         ///< for people: what was opened
   std::string robot_name;          ///< the same
   std::vector<std::string> notes;  ///< sentences for a person: what the camera does differently from what was asked
@@ -50,6 +52,8 @@ struct DeviceOptions {
   std::optional<double> speedup;
   /// A GigE camera sends its whole sensor, whatever camera the rig describes; the rig's camera model stays as it is.
   bool whole_sensor = false;
+  /// A simulated world as it is before somebody moves the dock, knocks the camera or breaks anything: for teaching.
+  bool untouched = false;
 };
 
 /// Opens what the configuration asks for.

@@ -98,6 +98,11 @@ Config configuration(const DockOptions& options) {
     if (!dock.board.empty()) config.board = read_board(std::filesystem::path(options.docks).parent_path() / dock.board);
     if (dock.dock_pose) config.docking.dock_pose = *dock.dock_pose;
     if (!dock.board.empty() || dock.dock_pose) forget_taught(config);
+    if (dock.taught) {
+      config.docking.dock_pose_taught = true;
+      config.docking.dock_pose_covariance = dock.taught->covariance;
+      config.docking.taught_hang = dock.taught->hang;
+    }
   }
   if (!options.rig.empty()) config.rig = read_rig(options.rig);
   if (!options.board.empty()) config.board = read_board(options.board);
@@ -169,8 +174,8 @@ class Talk {
 std::string progress_words(const Docker& docker, const TickResult& result, const Pose2& T_base_camera) {
   std::string text(name(docker.phase()));
   char part[128];
-  if (result.distance_to_go) {
-    std::snprintf(part, sizeof part, "  to go %.3f m", *result.distance_to_go);
+  if (const std::optional<double> rest = docker.distance_to_go(result)) {
+    std::snprintf(part, sizeof part, "  to go %.3f m", *rest);
     text += part;
   }
   if (result.estimate) {
@@ -263,13 +268,12 @@ class Docking {
     report.phases.push_back({std::string(name(report.last)), end, end});
     report.duration = end - begin;
     devices_.robot->stop();
-    if (devices_.true_camera_point) {
+    if (devices_.true_docking_error) {
       // The robot is at rest when the docking is over; what a stop in motion still rolls belongs to the error.
       devices_.clock->sleep_until(end + std::chrono::milliseconds(500));
       (void)devices_.robot->read();
-      const Pose2 truth = devices_.true_camera_point();
-      const Pose2& dock = config_.simulation.taught_at_known ? config_.simulation.taught_at : config_.docking.dock_pose;
-      report.true_error = Pose2{truth.x - dock.x, truth.y - dock.y, wrap_angle(truth.yaw - dock.yaw)};
+      report.true_error = devices_.true_docking_error(config_.simulation.taught_at_known ? config_.simulation.taught_at
+                                                                                         : config_.docking.dock_pose);
     }
     talk_.clear();
     constexpr double sharp_px = 1.0;
@@ -326,8 +330,8 @@ class Docking {
     // From here on the edges are measured for the last time: half a metre and the fix itself.
     constexpr double final_approach = 0.5;
     const std::string phase(name(loop_.docker().phase()));
-    const bool frozen =
-        phase == "fixing" || (outputs.docking.distance_to_go && *outputs.docking.distance_to_go < final_approach);
+    const std::optional<double> rest = loop_.docker().distance_to_go(outputs.docking);
+    const bool frozen = phase == "fixing" || (rest && *rest < final_approach);
     const auto light = meter(frame.frame.gray, tags);
     if (!light) return;
     if (const auto wanted = exposure_.next(*light, {frame.exposure_us, frame.gain}, speed_px, frozen)) {

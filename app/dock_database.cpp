@@ -6,6 +6,7 @@
 #include <cstdio>
 
 #include "app/failure.h"
+#include "app/taught_fields.h"
 #include "app/yaml_file.h"
 
 namespace tagdock {
@@ -123,6 +124,14 @@ std::vector<DockEntry> read_docks(const std::filesystem::path& file) {
         map.refuse("dock_pose",
                    "has x_m = " + digits(dock.dock_pose->x) + "; the camera stands before the wall, below 0");
     }
+    if (auto taught = map.optional_map("taught")) {
+      FieldReader fields(*taught);
+      bool measured = false;
+      TaughtDock read;
+      visit_taught(fields, measured, read.covariance, read.hang);
+      if (measured && !dock.dock_pose) map.refuse("taught", "needs dock_pose: it says how well that was measured");
+      if (measured) dock.taught = read;
+    }
     if (!plain(dock.name)) map.refuse("name", "is \"" + dock.name + "\"; letters, digits, _ - . and / make a name");
     check_names(map, dock);
     for (const DockEntry& other : docks)
@@ -137,8 +146,9 @@ std::vector<DockEntry> read_docks(const std::filesystem::path& file) {
 std::string docks_yaml(const std::vector<DockEntry>& docks) {
   std::string text =
       "# Docks of this robot. pose: of the base when docked, in `frame`. A dock may also have `board` (file) and\n"
-      "# `dock_pose` {x_m, y_m, yaw_deg} (of the camera point in the station frame, as taught); without, the\n"
-      "# configuration's count.\nversion: 1\ndocks:\n";
+      "# `dock_pose` {x_m, y_m, yaw_deg} (of the camera point in the station frame); without, the configuration's\n"
+      "# count. `taught` has how well dock_pose was measured there, and how the board hung (tagdock teach --docks).\n"
+      "version: 1\ndocks:\n";
   for (const DockEntry& dock : docks) {
     text += "  - name: " + quoted(dock.name) + "\n";
     if (!dock.type.empty()) text += "    type: " + quoted(dock.type) + "\n";
@@ -146,6 +156,13 @@ std::string docks_yaml(const std::vector<DockEntry>& docks) {
     if (!dock.id.empty()) text += "    id: " + quoted(dock.id) + "\n";
     if (!dock.board.empty()) text += "    board: " + quoted(dock.board) + "\n";
     if (dock.dock_pose) text += "    dock_pose: " + pose_yaml(*dock.dock_pose) + "\n";
+    if (dock.taught) {
+      FieldWriter fields(6);
+      bool measured = true;
+      TaughtDock taught = *dock.taught;
+      visit_taught(fields, measured, taught.covariance, taught.hang);
+      text += "    taught:\n" + fields.text();
+    }
   }
   return text;
 }

@@ -6,8 +6,17 @@
 #include <vector>
 
 #include "planning/pose2.h"
+#include "servo/docking.h"
 
 namespace tagdock {
+
+/// What teaching a dock measured beside the pose, as docking.taught of a configuration.
+struct TaughtDock {
+  Eigen::Matrix3d covariance = Eigen::Matrix3d::Zero();  ///< of the docking pose [x y yaw], m and rad
+  std::optional<BoardHang> hang;                         ///< how the board hung
+
+  bool operator==(const TaughtDock&) const = default;
+};
 
 /// A dock that this robot knows.
 struct DockEntry {
@@ -18,6 +27,7 @@ struct DockEntry {
   std::string id;                  ///< what Nav2 hands to the plugin; may be empty
   std::string board;               ///< ours: file of its board, relative to the database; empty: the configuration's
   std::optional<Pose2> dock_pose;  ///< ours: of the camera point in the station frame
+  std::optional<TaughtDock> taught = std::nullopt;  ///< ours: `dock_pose` was measured there; none: it is nominal
 
   bool operator==(const DockEntry&) const = default;
 };

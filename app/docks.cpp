@@ -29,6 +29,16 @@ void deliver(const std::string& text, const std::string& output) {
   if (!stream) throw Failure(ExitCode::usage, "--output " + output + ": cannot be written");
 }
 
+// Sigmas in the frame of dock_pose, m and rad.
+nlohmann::ordered_json taught_json(const TaughtDock& taught) {
+  const Eigen::Vector3d sigma = taught.covariance.diagonal().cwiseSqrt();
+  nlohmann::ordered_json json{{"sigma", {{"x", sigma.x()}, {"y", sigma.y()}, {"yaw", sigma.z()}}}, {"hang", nullptr}};
+  if (taught.hang)
+    json["hang"] = {
+        {"camera_height", taught.hang->camera_height}, {"roll", taught.hang->roll}, {"pitch", taught.hang->pitch}};
+  return json;
+}
+
 std::string json_of(const std::vector<DockEntry>& docks) {
   const auto pose = [](const Pose2& value) {
     return nlohmann::ordered_json{{"x", value.x}, {"y", value.y}, {"yaw", value.yaw}};
@@ -40,6 +50,7 @@ std::string json_of(const std::vector<DockEntry>& docks) {
     nlohmann::ordered_json one{{"name", dock.name},       {"type", dock.type}, {"frame", dock.frame},
                                {"pose", pose(dock.pose)}, {"id", dock.id},     {"board", dock.board}};
     one["dock_pose"] = dock.dock_pose ? pose(*dock.dock_pose) : nlohmann::ordered_json();
+    one["taught"] = dock.taught ? taught_json(*dock.taught) : nlohmann::ordered_json();
     json["docks"].push_back(one);
   }
   return json.dump(2) + "\n";

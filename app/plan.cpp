@@ -14,6 +14,7 @@
 
 #include <nlohmann/json.hpp>
 
+#include "app/config.h"
 #include "app/failure.h"
 #include "app/output_file.h"
 #include "app/plan_picture.h"
@@ -33,7 +34,7 @@ enum class Mode { forward, dubins, reeds_shepp };
 
 /// The command line as it was given.
 struct PlanArguments {
-  std::string from, to, batch, output, svg, board;
+  std::string from, to, batch, output, svg, board, config, sensor_errors;
   std::vector<std::string> keep_out;
   double max_curvature = TurnLimits{}.max_curvature;
   double max_sharpness = TurnLimits{}.max_sharpness;
@@ -71,9 +72,21 @@ struct Query {
   TurnLimits limits;
 };
 
+/// What the camera will tell, as far as its errors were measured.
+struct Sureness {
+  std::optional<Eigen::Vector3d> start, goal;  ///< one sigma of x, y [m] and yaw [rad] of one frame, station frame
+  std::string refusal;                         ///< why the robot would not dock there; empty: it would
+  std::string warning;                         ///< what it would hold against the start
+};
+
 struct Answer {
   const DockingPlanResult& result;
   long long time_ns = 0;
+  std::optional<Sureness> sureness = std::nullopt;  ///< with a robot
+
+  [[nodiscard]] bool refused_as_unsure() const {
+    return sureness && !sureness->refusal.empty() && std::holds_alternative<DockingPlan>(result);
+  }
 };
 
 std::string_view trimmed(std::string_view text) {
@@ -149,14 +162,16 @@ std::string exact(double value) {
   return text;
 }
 
-std::string_view status(const DockingPlanResult& result) {
+std::string_view status(const Answer& answer) {
+  const DockingPlanResult& result = answer.result;
+  if (answer.refused_as_unsure()) return "unsure_at_dock";
   if (std::holds_alternative<DockingPlan>(result)) return "ok";
   if (std::holds_alternative<AlreadyThere>(result)) return "already_there";
   return word(std::get<PlanRefusal>(result).reason);
 }
 
-const Path* path_of(const DockingPlanResult& result) {
-  const auto* plan = std::get_if<DockingPlan>(&result);
+const Path* path_of(const Answer& answer) {
+  const auto* plan = answer.refused_as_unsure() ? nullptr : std::get_if<DockingPlan>(&answer.result);
   return plan != nullptr ? &plan->path : nullptr;
 }
 
@@ -170,13 +185,13 @@ double printed_end_curvature(const Path& path, std::size_t index) {
 
 /// @param line  memory that stays from line to line
 void write_csv(std::ostream& out, const Query& query, const Answer& answer, std::string& line) {
-  line.assign(query.id).append(",").append(std::to_string(answer.time_ns)).append(",").append(status(answer.result));
+  line.assign(query.id).append(",").append(std::to_string(answer.time_ns)).append(",").append(status(answer));
   for (const double value :
        {query.start.x, query.start.y, query.start.yaw, query.goal.x, query.goal.y, query.goal.yaw}) {
     line += ',';
     if (std::isfinite(value)) append_exact(line, value);
   }
-  if (const Path* path = path_of(answer.result)) {
+  if (const Path* path = path_of(answer)) {
     for (std::size_t i = 0; i < path->segments.size(); ++i) {
       const Segment& segment = path->segments[i];
       line += ',';
@@ -201,6 +216,51 @@ Eigen::Vector3d predicted_sigma(const Path& path, const Pose2& goal) {
   return (turned * station * turned.transpose()).diagonal().cwiseSqrt();
 }
 
+/// One sigma of what one frame tells at a pose of the axle in the station frame; none where it was not measured.
+std::optional<Eigen::Vector3d> measured_sigma(const Config& robot, const Pose2& T_station_axle) {
+  if (!robot.docking.filter.sensor) return std::nullopt;
+  const auto measured = lens_covariance(*robot.docking.filter.sensor, T_station_axle * camera_point(robot.rig),
+                                        0.5 * horizontal_view(robot.rig.camera));
+  return measured ? std::optional<Eigen::Vector3d>(measured->diagonal().cwiseSqrt()) : std::nullopt;
+}
+
+std::string sigma_words(const Eigen::Vector3d& sigma) {
+  char text[100];
+  std::snprintf(text, sizeof text, "%.3g mm, %.3g mm and %.3g degrees", 1e3 * sigma.x(), 1e3 * sigma.y(),
+                degrees(sigma.z()));
+  return text;
+}
+
+/// @param leaves  the way leads out of the dock: nothing is asked of its end
+Sureness sureness_of(const Config& robot, const Query& query, const Pose2& board, bool leaves) {
+  Sureness sure;
+  sure.start = measured_sigma(robot, between(board, query.start));
+  sure.goal = measured_sigma(robot, between(board, query.goal));
+  if (leaves) return sure;
+  const DockingConfig& docking = robot.docking;
+  // As `dock` does before it drives.
+  const Eigen::Vector3d tolerance(docking.fix.tolerance_x, docking.fix.tolerance_y, docking.fix.tolerance_yaw);
+  if (sure.goal && (sure.goal->array() > tolerance.array()).any())
+    sure.refusal = "from the docking pose the camera tells x, y and yaw by " + sigma_words(*sure.goal) +
+                   " only (sensor errors as measured), but the tolerance is " + sigma_words(tolerance) +
+                   "; dock nearer or use a board with turned tags";
+  if (!sure.start) return sure;
+  // There it asks for the axle's y, which the yaw moves.
+  const Pose2 T_board_start = between(board, query.start);
+  const double lever = (T_board_start * camera_point(robot.rig)).x - T_board_start.x;
+  const double sigma_y = std::hypot(sure.start->y(), lever * sure.start->z());
+  if (sigma_y > docking.acquire.max_sigma_y || sure.start->z() > docking.acquire.max_sigma_yaw) {
+    char text[200];
+    std::snprintf(text, sizeof text,
+                  "at the start the axle's y and yaw are known to %.1f mm and %.2f degrees; the robot drives off with "
+                  "%.1f mm and %.2f degrees at most",
+                  1e3 * sigma_y, degrees(sure.start->z()), 1e3 * docking.acquire.max_sigma_y,
+                  degrees(docking.acquire.max_sigma_yaw));
+    sure.warning = text;
+  }
+  return sure;
+}
+
 json json_pose(const Pose2& pose) { return {{"x", pose.x}, {"y", pose.y}, {"yaw", pose.yaw}}; }
 
 void add_words(json& object, const std::vector<Candidate>& candidates) {
@@ -217,9 +277,20 @@ void add_words(json& object, const std::vector<Candidate>& candidates) {
 json as_json(const Query& query, const Answer& answer, const WheelLimits& wheels) {
   json object{{"id", query.id},
               {"time_ns", answer.time_ns},
-              {"status", std::string(status(answer.result))},
+              {"status", std::string(status(answer))},
               {"from", json_pose(query.start)},
               {"to", json_pose(query.goal)}};
+  if (answer.sureness) {
+    const auto sigma = [](const std::optional<Eigen::Vector3d>& value) {
+      return value ? json{{"x", value->x()}, {"y", value->y()}, {"yaw", value->z()}} : json();
+    };
+    object["measured_sigma"] = {{"start", sigma(answer.sureness->start)}, {"goal", sigma(answer.sureness->goal)}};
+    if (!answer.sureness->warning.empty()) object["warning"] = answer.sureness->warning;
+  }
+  if (answer.refused_as_unsure()) {
+    object["sentence"] = answer.sureness->refusal;
+    return object;
+  }
   if (const auto* plan = std::get_if<DockingPlan>(&answer.result)) {
     object["length"] = plan->length;
     object["shortest"] = plan->shortest;
@@ -278,6 +349,18 @@ void explain(std::ostream& out, const Query& query, const Answer& answer, const 
     out << "no plan (" << word(refusal->reason) << "): " << refusal->sentence << "\n";
     if (!refusal->cure.empty()) out << "what would help: " << refusal->cure << "\n";
     explain_words(out, refusal->candidates);
+    return;
+  }
+  if (answer.sureness) {
+    for (const auto& [place, sigma] :
+         {std::pair("start", answer.sureness->start), std::pair("goal", answer.sureness->goal)})
+      out << "from the " << place << " one frame tells x, y and yaw "
+          << (sigma ? "by " + sigma_words(*sigma) : std::string("by what was not measured (detection.sensor_errors)"))
+          << "\n";
+    if (!answer.sureness->warning.empty()) out << "warning: " << answer.sureness->warning << "\n";
+  }
+  if (answer.refused_as_unsure()) {
+    out << "no plan (unsure_at_dock): " << answer.sureness->refusal << "\n";
     return;
   }
   const auto* plan = std::get_if<DockingPlan>(&answer.result);
@@ -351,21 +434,23 @@ Answer answered(const Query& query, Mode mode, DockingPlanConfig& config, Dockin
 /// In reverse with a camera that looks ahead: the robot backs out of a dock.
 bool leaves_dock(const PlanArguments& arguments) { return arguments.reverse && arguments.camera_yaw_deg == 0.0; }
 
-/// Foot of the board: as given, or 1 m from the docking pose to where the camera looks. The dock is the goal, or the
-/// start of a way out in reverse.
-Pose2 board_of(const PlanArguments& arguments, const Query& query) {
+/// Foot of the board: as given, or where the robot's docking pose has it, or 1 m from the docking pose to where the
+/// camera looks. The dock is the goal, or the start of a way out in reverse.
+Pose2 board_of(const PlanArguments& arguments, const Query& query, const std::optional<Config>& robot) {
   const Pose2& dock = leaves_dock(arguments) ? query.start : query.goal;
   if (!arguments.board.empty()) return pose_option(arguments.board, "--board");
+  if (robot) return dock * inverse(goal_of_axle(robot->docking));
   return dock * Pose2{0.0, 0.0, radians(arguments.camera_yaw_deg)} * Pose2{1.0, 0.0, 0.0};
 }
 
-int plan_one(const PlanArguments& arguments, Mode mode, DockingPlanConfig config) {
+int plan_one(const PlanArguments& arguments, Mode mode, DockingPlanConfig config, const std::optional<Config>& robot) {
   Query query{"0", pose_option(arguments.from, "--from"), pose_option(arguments.to, "--to"), config.limits};
   config.list_candidates = arguments.explain || arguments.as_json || !arguments.svg.empty();
-  const Pose2 board = board_of(arguments, query);
+  const Pose2 board = board_of(arguments, query, robot);
   if (config.view) config.view->T_station_board = board;
   DockingPlanner planner;
-  const Answer answer = answered(query, mode, config, planner);
+  Answer answer = answered(query, mode, config, planner);
+  if (robot) answer.sureness = sureness_of(*robot, query, board, leaves_dock(arguments));
 
   Sink sink(arguments.output);
   if (arguments.as_json) {
@@ -380,14 +465,14 @@ int plan_one(const PlanArguments& arguments, Mode mode, DockingPlanConfig config
   if (!arguments.svg.empty()) {
     PlanScene scene{query.start,     query.goal, board, query.limits, config.view.value_or(ViewWish{}),
                     config.keep_out, {},         {}};
-    if (const Path* path = path_of(answer.result)) scene.law = time_law(*path, arguments.wheels);
+    if (const Path* path = path_of(answer)) scene.law = time_law(*path, arguments.wheels);
     const std::string driven = arguments.reverse ? "in reverse" : arguments.mode;
     char title[160] = "";
-    if (const auto* plan = std::get_if<DockingPlan>(&answer.result))
+    if (const auto* plan = std::get_if<DockingPlan>(&answer.result); plan != nullptr && !answer.refused_as_unsure())
       std::snprintf(title, sizeof title, "%s: %.3f m, %zu segments, curvature up to %.3f 1/m", driven.c_str(),
                     plan->length, plan->path.segments.size(), plan->peak_curvature);
     else
-      std::snprintf(title, sizeof title, "%s: %s", driven.c_str(), std::string(status(answer.result)).c_str());
+      std::snprintf(title, sizeof title, "%s: %s", driven.c_str(), std::string(status(answer)).c_str());
     scene.title = title;
     Sink picture(arguments.svg);
     picture.stream() << plan_picture(answer.result, scene);
@@ -400,6 +485,12 @@ int plan_one(const PlanArguments& arguments, Mode mode, DockingPlanConfig config
     const bool bad_question = refusal->reason == NoPlan::not_finite || refusal->reason == NoPlan::too_large ||
                               refusal->reason == NoPlan::bad_limit;
     return static_cast<int>(bad_question ? ExitCode::usage : ExitCode::failed);
+  }
+  if (!arguments.explain && answer.sureness && !answer.sureness->warning.empty())
+    std::cerr << "tagdock: " << answer.sureness->warning << "\n";
+  if (answer.refused_as_unsure()) {
+    if (!arguments.explain) std::cerr << "tagdock: no plan: " << answer.sureness->refusal << "\n";
+    return static_cast<int>(ExitCode::failed);
   }
   return static_cast<int>(ExitCode::done);
 }
@@ -436,7 +527,8 @@ Columns columns_of(std::string_view header, const std::string& file) {
   return columns;
 }
 
-int plan_batch(const PlanArguments& arguments, Mode mode, DockingPlanConfig config) {
+int plan_batch(const PlanArguments& arguments, Mode mode, DockingPlanConfig config,
+               const std::optional<Config>& robot) {
   config.list_candidates = false;
   config.find_cures = arguments.as_json;  // the CSV has no room for them
   check_not_an_input("--output", arguments.output, {arguments.batch});
@@ -492,8 +584,10 @@ int plan_batch(const PlanArguments& arguments, Mode mode, DockingPlanConfig conf
         sink.stream() << query.id << ",0,malformed,,,,,,\n";
       continue;
     }
-    if (config.view) config.view->T_station_board = board_of(arguments, query);
-    const Answer answer = answered(query, mode, config, planner);
+    const Pose2 board = board_of(arguments, query, robot);
+    if (config.view) config.view->T_station_board = board;
+    Answer answer = answered(query, mode, config, planner);
+    if (robot) answer.sureness = sureness_of(*robot, query, board, leaves_dock(arguments));
     if (arguments.as_json)
       sink.stream() << as_json(query, answer, arguments.wheels).dump(-1, ' ', false, json::error_handler_t::replace)
                     << '\n';
@@ -585,7 +679,14 @@ int run(const PlanArguments& arguments) {
                                 !config.keep_out.polygons.empty()))
     throw Failure(ExitCode::usage,
                   "--final-straight, --initial-straight, --view-deg and --keep-out need --mode forward");
-  return arguments.batch.empty() ? plan_one(arguments, mode, config) : plan_batch(arguments, mode, config);
+  std::optional<Config> robot;
+  if (!arguments.config.empty() || !arguments.sensor_errors.empty()) {
+    robot = arguments.config.empty() ? Config{} : read_config(arguments.config);
+    if (!arguments.sensor_errors.empty()) robot->sensor_errors = arguments.sensor_errors;
+    robot = parse_config(to_yaml(*robot), "(configuration of this plan)");
+  }
+  return arguments.batch.empty() ? plan_one(arguments, mode, config, robot)
+                                 : plan_batch(arguments, mode, config, robot);
 }
 
 }  // namespace
@@ -639,7 +740,15 @@ void add_plan(CLI::App& program, Action& action) {
   verb->add_option("--measure-over", arguments->measure_over,
                    "m; 0: yaw is measured at the goal, negative: at the start only")
       ->capture_default_str();
-  verb->add_option("--board", arguments->board, "foot of the board X,Y,YAW_DEG (default: 1 m ahead of the dock)");
+  verb->add_option("--board", arguments->board,
+                   "foot of the board X,Y,YAW_DEG (default: 1 m ahead of the dock; with --config where its dock_pose "
+                   "has it)");
+  verb->add_option("--config", arguments->config,
+                   "configuration of the robot (YAML): says how sure its camera is at start and goal, and refuses a "
+                   "goal from which it could not dock");
+  verb->add_option("--sensor-errors", arguments->sensor_errors,
+                   "the same with another map: none, shipped, or a file of `evaluate accuracy-map`; alone, of the "
+                   "default robot");
   verb->add_option("--board-width", arguments->board_width, "m")->capture_default_str();
   verb->add_option("--keep-out", arguments->keep_out,
                    "corners X,Y,X,Y,X,Y of a polygon that the robot must keep away from (mode forward)");
@@ -680,12 +789,15 @@ void add_plan(CLI::App& program, Action& action) {
       "  not_exact        rounding at this scale spoils every solution, or no path fits into --period-length\n"
       "  not_finite       a pose or limit is NaN or infinite\n"
       "  too_large        a coordinate above 1e12 m, a heading above 1e9 rad or a limit outside of 1e-12..1e12\n"
+      "  unsure_at_dock   with --config or --sensor-errors: one frame at the goal tells less than the tolerance asks\n"
       "  bad_limit        a limit is zero, negative or denormal\n"
       "  malformed        the line of the batch is not numbers; also said on stderr, exit code 2 at the end\n"
       "JSON: id, time_ns, status, from, to {x, y, yaw}; with a plan length, shortest, peak_curvature, sharpness,\n"
       "segments [{length, curv_start, curv_end}], predicted_sigma {along, across, yaw} (odometry alone), time_law\n"
       "{duration, period, segments [{periods, entry, cruise, exit}]} if there is one, largest_bearing, period_length,\n"
       "reeds_shepp (48) [{word, length or null, cusps, verdict}]; else sentence, cure, reeds_shepp (not in a batch).\n"
+      "With --config also measured_sigma {start, goal} {x, y, yaw} in the board's frame (null: not measured), "
+      "warning.\n"
       "Exit code: 0 planned (batch: every line answered), 1 no plan, 2 bad question.");
   verb->callback([arguments, &action] { action = [arguments] { return run(*arguments); }; });
 }

@@ -1,6 +1,7 @@
 // Verb: teach. The robot stands at the dock; what it sees there becomes the docking pose.
 #include <cmath>
 #include <cstdio>
+#include <filesystem>
 #include <fstream>
 #include <iostream>
 #include <memory>
@@ -10,7 +11,9 @@
 
 #include "app/config.h"
 #include "app/devices.h"
+#include "app/dock_database.h"
 #include "app/failure.h"
+#include "app/output_file.h"
 #include "app/rig_file.h"
 #include "app/ros2_options.h"
 #include "app/stop_signal.h"
@@ -33,6 +36,8 @@ struct TeachOptions {
   std::string rig;
   std::string board;
   std::string dock_pose;
+  std::string docks;
+  std::string dock_name;
   std::string scenario;
   std::uint64_t seed = 1;
   std::optional<double> speedup;
@@ -51,6 +56,13 @@ std::string print(const char* format, Values... values) {
 // As `dock` will read it, without what was taught before.
 Config configuration(const TeachOptions& options) {
   Config config = options.config.empty() ? Config{} : read_config(options.config);
+  if (options.docks.empty() != options.dock_name.empty())
+    throw Failure(ExitCode::usage, "--dock NAME and --docks FILE belong together");
+  if (!options.docks.empty()) {
+    const DockEntry dock = find_dock(read_docks(options.docks), options.dock_name);
+    if (!dock.board.empty()) config.board = read_board(std::filesystem::path(options.docks).parent_path() / dock.board);
+    if (dock.dock_pose) config.docking.dock_pose = *dock.dock_pose;
+  }
   if (!options.rig.empty()) config.rig = read_rig(options.rig);
   if (!options.board.empty()) config.board = read_board(options.board);
   if (!options.camera.empty()) config.camera.source = options.camera;
@@ -150,13 +162,34 @@ Stand look(const Config& config, Devices& devices, double seconds) {
   return stand;
 }
 
+// The same docks, one of them with what was taught there.
+std::vector<DockEntry> with_taught(std::vector<DockEntry> docks, const std::string& name, const DockingConfig& taught) {
+  for (DockEntry& dock : docks) {
+    if (dock.name != name) continue;
+    dock.dock_pose = taught.dock_pose;
+    dock.taught = TaughtDock{taught.dock_pose_covariance, taught.taught_hang};
+  }
+  return docks;
+}
+
 int teach(const TeachOptions& options) {
   if (options.output.empty())
-    throw Failure(ExitCode::usage, "--output FILE is missing: the configuration for `tagdock dock --config`");
+    throw Failure(ExitCode::usage,
+                  "--output FILE is missing: the configuration for `tagdock dock --config`, or with --docks the docks");
+  if (!options.docks.empty()) {
+    check_not_an_input("--output", options.output, {options.docks});
+    if (!options.board.empty())
+      throw Failure(ExitCode::usage, "--board: with --docks the board is the dock's; write it into " + options.docks);
+    const auto folder = [](const std::string& file) {
+      return std::filesystem::absolute(file).lexically_normal().parent_path();
+    };
+    if (folder(options.output) != folder(options.docks))
+      throw Failure(ExitCode::usage, "--output must be in the folder of --docks: boards are named relative to it");
+  }
   Config config = configuration(options);
   Config at_dock = config;
   at_dock.docking.errand = Errand::undock;  // where a simulated robot is put
-  Devices devices = open_devices(at_dock, {options.seed, options.speedup, false});
+  Devices devices = open_devices(at_dock, {options.seed, options.speedup, false, true});
   const Stand stand = look(config, devices, options.seconds);
   devices.robot->stop();
 
@@ -230,12 +263,18 @@ int teach(const TeachOptions& options) {
   }
   if (!refusal.empty()) throw Failure(ExitCode::calibration_refused, "not taught: " + refusal);
   std::ofstream stream(options.output, std::ios::binary);
-  stream
-      << "# Taught by `tagdock teach`: docking.dock_pose and docking.taught are what this robot saw standing at the\n"
-         "# dock. All other keys are those it will dock with.\n"
-      << to_yaml(config) << std::flush;
+  if (options.docks.empty())
+    stream
+        << "# Taught by `tagdock teach`: docking.dock_pose and docking.taught are what this robot saw standing at the\n"
+           "# dock. All other keys are those it will dock with.\n"
+        << to_yaml(config) << std::flush;
+  else
+    stream << docks_yaml(with_taught(read_docks(options.docks), options.dock_name, docking)) << std::flush;
   if (!stream) throw Failure(ExitCode::usage, "--output " + options.output + ": cannot be written");
-  std::cerr << "written: tagdock dock --config " << options.output << "\n";
+  std::cerr << "written: tagdock dock "
+            << (options.docks.empty() ? "--config " + options.output
+                                      : "--docks " + options.output + " --dock " + options.dock_name)
+            << "\n";
   return static_cast<int>(ExitCode::done);
 }
 
@@ -247,6 +286,10 @@ void add_teach(CLI::App& program, Action& action) {
       "teach", "Takes the place where the robot stands now as its docking pose. Drive it to the dock by hand first.");
   verb->add_option("--output", options->output, "configuration to write, for `tagdock dock --config`");
   verb->add_option("--config", options->config, "configuration (YAML) to start from; its other keys are kept");
+  verb->add_option("--docks", options->docks,
+                   "docks that are known; --output is then these docks with what is seen at --dock now, for `dock "
+                   "--docks`");
+  verb->add_option("--dock", options->dock_name, "name of the dock in --docks where the robot stands");
   verb->add_option("--seconds", options->seconds, "how long to look")
       ->check(CLI::Range(1.0, 600.0))
       ->capture_default_str();
@@ -266,6 +309,7 @@ void add_teach(CLI::App& program, Action& action) {
       "the pose and cancels at every docking, and how the board hangs is kept, so that a board that was moved is\n"
       "noticed. The simulated robot is put at the dock.\n"
       "Examples:\n  tagdock teach --output taught.yaml && tagdock dock --config taught.yaml\n"
+      "  tagdock teach --docks docks.yaml --dock home --output taught_docks.yaml\n"
       "Exit codes: 0 taught, 1 moved or seen too seldom, 2 usage or configuration, 3 camera, 4 tag never seen,\n"
       "5 robot link, 7 refused, 130 interrupted.");
   verb->callback([options, &action] { action = [options] { return teach(*options); }; });

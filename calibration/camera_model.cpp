@@ -14,6 +14,16 @@ struct Bent {
   Eigen::Matrix2d by_ideal;
 };
 
+// The point of `bend` alone, by the same operations.
+Eigen::Vector2d bent_point(const CameraModel& camera, double x, double y) {
+  const double r2 = x * x + y * y;
+  const double top = 1.0 + r2 * (camera.k1 + r2 * (camera.k2 + r2 * camera.k3));
+  const double bottom = 1.0 + r2 * (camera.k4 + r2 * (camera.k5 + r2 * camera.k6));
+  const double radial = top / bottom;
+  return {x * radial + 2.0 * camera.p1 * x * y + camera.p2 * (r2 + 2.0 * x * x),
+          y * radial + camera.p1 * (r2 + 2.0 * y * y) + 2.0 * camera.p2 * x * y};
+}
+
 Bent bend(const CameraModel& camera, const Eigen::Vector2d& ideal) {
   const double x = ideal.x();
   const double y = ideal.y();
@@ -35,7 +45,9 @@ Bent bend(const CameraModel& camera, const Eigen::Vector2d& ideal) {
 
 }  // namespace
 
-Eigen::Vector2d distort(const CameraModel& camera, const Eigen::Vector2d& ideal) { return bend(camera, ideal).point; }
+Eigen::Vector2d distort(const CameraModel& camera, const Eigen::Vector2d& ideal) {
+  return bent_point(camera, ideal.x(), ideal.y());
+}
 
 std::optional<Eigen::Vector2d> undistort(const CameraModel& camera, const Eigen::Vector2d& distorted) {
   Eigen::Vector2d ideal = distorted;
@@ -53,7 +65,8 @@ std::optional<Eigen::Vector2d> undistort(const CameraModel& camera, const Eigen:
 }
 
 Eigen::Vector2d project(const CameraModel& camera, const Eigen::Vector3d& point_camera) {
-  const Eigen::Vector2d bent = distort(camera, point_camera.head<2>() / point_camera.z());
+  const Eigen::Vector2d bent =
+      bent_point(camera, point_camera.x() / point_camera.z(), point_camera.y() / point_camera.z());
   return {camera.fx * bent.x() + camera.cx, camera.fy * bent.y() + camera.cy};
 }
 
@@ -61,11 +74,18 @@ Projection project_with_jacobian(const CameraModel& camera, const Eigen::Vector3
   const double inverse_depth = 1.0 / point_camera.z();
   const Eigen::Vector2d ideal = point_camera.head<2>() * inverse_depth;
   const Bent bent = bend(camera, ideal);
-  Eigen::Matrix<double, 2, 3> ideal_by_point;
-  ideal_by_point << inverse_depth, 0.0, -ideal.x() * inverse_depth, 0.0, inverse_depth, -ideal.y() * inverse_depth;
-  const Eigen::Vector2d focal(camera.fx, camera.fy);
-  return {{camera.fx * bent.point.x() + camera.cx, camera.fy * bent.point.y() + camera.cy},
-          focal.asDiagonal() * bent.by_ideal * ideal_by_point};
+  Projection seen;
+  seen.pixel = {camera.fx * bent.point.x() + camera.cx, camera.fy * bent.point.y() + camera.cy};
+  // focal lengths * by_ideal * d(ideal)/d(point), whose left square is diagonal
+  for (int row = 0; row < 2; ++row) {
+    const double focal = row == 0 ? camera.fx : camera.fy;
+    const double by_x = focal * bent.by_ideal(row, 0);
+    const double by_y = focal * bent.by_ideal(row, 1);
+    seen.by_point(row, 0) = by_x * inverse_depth;
+    seen.by_point(row, 1) = by_y * inverse_depth;
+    seen.by_point(row, 2) = by_x * (-ideal.x() * inverse_depth) + by_y * (-ideal.y() * inverse_depth);
+  }
+  return seen;
 }
 
 std::optional<Eigen::Vector2d> unproject(const CameraModel& camera, const Eigen::Vector2d& pixel) {

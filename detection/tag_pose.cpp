@@ -95,8 +95,15 @@ std::optional<Equations> equations_at(const Eigen::Isometry3d& T_camera_frame, s
       if (!(point_camera.z() > least_depth)) return std::nullopt;
       const Projection seen = project_with_jacobian(camera, point_camera);
       residual.segment<2>(2 * i) = seen.pixel - one.corners_px[i];
-      jacobian.block<2, 3>(2 * i, 0) = seen.by_point;
-      jacobian.block<2, 3>(2 * i, 3) = -seen.by_point * skew(point_camera);
+      for (int row = 0; row < 2; ++row) {
+        const auto by = seen.by_point.row(row);
+        const int k = 2 * i + row;
+        jacobian.block<1, 3>(k, 0) = by;
+        // -by * skew(point), without the zeros
+        jacobian(k, 3) = -by[1] * point_camera.z() + by[2] * point_camera.y();
+        jacobian(k, 4) = by[0] * point_camera.z() - by[2] * point_camera.x();
+        jacobian(k, 5) = -by[0] * point_camera.y() + by[1] * point_camera.x();
+      }
     }
     equations.squared_px += residual.squaredNorm();
     // lazyProduct: Eigen takes these for large matrices, and packs and blocks them.
@@ -109,7 +116,10 @@ std::optional<Equations> equations_at(const Eigen::Isometry3d& T_camera_frame, s
       white = one.whitening.lazyProduct(residual);
       white_jacobian = one.whitening.lazyProduct(jacobian);
     }
-    equations.information += white_jacobian.transpose().lazyProduct(white_jacobian);
+    // Half of a symmetric product.
+    for (int column = 0; column < 6; ++column)
+      for (int row = 0; row <= column; ++row)
+        equations.information(row, column) += white_jacobian.col(row).dot(white_jacobian.col(column));
     equations.gradient += white_jacobian.transpose() * white;
     equations.chi2 += white.squaredNorm();
   }
@@ -120,6 +130,7 @@ std::optional<Equations> equations_at(const Eigen::Isometry3d& T_camera_frame, s
     equations.gradient += ground.gradient;
     equations.cost += ground.cost;
   }
+  equations.information.triangularView<Eigen::StrictlyLower>() = equations.information.transpose();
   if (!std::isfinite(equations.cost) || !equations.information.allFinite()) return std::nullopt;
   return equations;
 }
@@ -383,6 +394,8 @@ Sighting board_pose(std::span<const RefinedTag> tags, const Board& board, const 
   std::vector<Term> terms;
   std::vector<Eigen::Isometry3d> starts_station;
   BoardSighting sighting;
+  terms.reserve(tags.size());
+  sighting.tags.reserve(tags.size());
   for (const RefinedTag& tag : tags) {
     const BoardTag* known = find_tag(board, tag.id);
     if (known == nullptr) continue;

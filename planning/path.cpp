@@ -65,6 +65,44 @@ PathPoint point_at(const Path& path, double distance) {
   return point;
 }
 
+double curvature_at(const Path& path, double distance) {
+  double curvature = 0.0;
+  double rest = std::max(0.0, distance);
+  for (const Segment& segment : path.segments) {
+    const double span = std::abs(segment.length);
+    curvature = segment.curvature + segment.sharpness * std::copysign(std::min(rest, span), segment.length);
+    if (rest <= span) break;
+    rest -= span;
+  }
+  return curvature;
+}
+
+PathWalk::PathWalk(const Path& path) : path_(path) {
+  starts_.reserve(path.segments.size() + 1);
+  starts_.push_back(path.start);
+}
+
+PathPoint PathWalk::at(double distance) {
+  PathPoint point{path_.start, 0.0, 1};
+  double rest = std::max(0.0, distance);
+  for (std::size_t i = 0; i < path_.segments.size(); ++i) {
+    const Segment& segment = path_.segments[i];
+    const double span = std::abs(segment.length);
+    const bool here = rest <= span;
+    const double driven = std::copysign(here ? rest : span, segment.length);
+    point.curvature = segment.curvature + segment.sharpness * driven;
+    point.direction = segment.length < 0.0 ? -1 : 1;
+    if (here) {
+      point.pose = pose_along(starts_[i], segment, driven);
+      return point;
+    }
+    if (i + 1 == starts_.size()) starts_.push_back(pose_along(starts_[i], segment, driven));
+    point.pose = starts_[i + 1];
+    rest -= span;
+  }
+  return point;
+}
+
 Pose2 end_pose(const Path& path) {
   Pose2 pose = path.start;
   for (const Segment& segment : path.segments) pose = pose_along(pose, segment, segment.length);

@@ -46,6 +46,22 @@ struct PathPoint {
 /// The point after a driven distance, which is cut to [0, length(path)].
 PathPoint point_at(const Path& path, double distance);
 
+/// Its curvature alone, without the integral that the pose takes [1/m].
+double curvature_at(const Path& path, double distance);
+
+/// Points of one path one after the other: where its segments begin is integrated once. The path must live as long.
+class PathWalk {
+ public:
+  explicit PathWalk(const Path& path);
+
+  /// As `point_at`, to the last bit.
+  PathPoint at(double distance);
+
+ private:
+  const Path& path_;
+  std::vector<Pose2> starts_;  ///< of the segments, as far as they were reached
+};
+
 /// The pose at the end of the last segment.
 Pose2 end_pose(const Path& path);
 

@@ -7,6 +7,7 @@ namespace tagdock {
 
 /// An angle brought to (-pi, pi].
 inline double wrap_angle(double angle) {
+  if (angle > -std::numbers::pi && angle <= std::numbers::pi) return angle;  // what std::remainder gives, too
   const double wrapped = std::remainder(angle, 2.0 * std::numbers::pi);
   return wrapped <= -std::numbers::pi ? wrapped + 2.0 * std::numbers::pi : wrapped;
 }
@@ -46,7 +47,13 @@ inline Pose2 inverse(const Pose2& T_a_b) {
 }
 
 /// T_b_c from T_a_b and T_a_c
-inline Pose2 between(const Pose2& T_a_b, const Pose2& T_a_c) { return inverse(T_a_b) * T_a_c; }
+inline Pose2 between(const Pose2& T_a_b, const Pose2& T_a_c) {
+  // inverse(T_a_b) * T_a_c to the last bit, with one sine and cosine for both
+  const Pose2 T_b_a = inverse(T_a_b);
+  const double c = std::cos(T_a_b.yaw);
+  const double s = -std::sin(T_a_b.yaw);
+  return {T_b_a.x + c * T_a_c.x - s * T_a_c.y, T_b_a.y + s * T_a_c.x + c * T_a_c.y, T_b_a.yaw + T_a_c.yaw};
+}
 
 inline bool is_finite(const Pose2& pose) {
   return std::isfinite(pose.x) && std::isfinite(pose.y) && std::isfinite(pose.yaw);

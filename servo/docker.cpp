@@ -41,6 +41,10 @@ std::optional<Eigen::Isometry3d> Docker::predicted_view(std::chrono::nanoseconds
 
 std::optional<PoseEstimate> Docker::estimate(std::chrono::nanoseconds time) const { return filter_.estimate(time); }
 
+std::optional<double> Docker::distance_to_go(const TickResult& result) const {
+  return tagdock::distance_to_go(phase_, result.estimate, config_);
+}
+
 std::optional<Reason> Docker::take_odometry(const Tick& tick) {
   const OdometryLimits& limits = config_.gate.odometry;
   for (const Odometry& reading : tick.odometry) {
@@ -232,7 +236,6 @@ TickResult Docker::tick(const Tick& tick) {
     result.next_tick =
         control_period(travel_time(length(following->path), config_.segments), config_.segments.nominal_period);
   }
-  result.distance_to_go = distance_to_go(phase_, result.estimate, config_);
   result.over = is_over(phase_);
   last_tick_ = tick.now;
   return result;

@@ -40,7 +40,6 @@ struct TickResult {
   std::vector<Event> events;             ///< of this cycle
   std::optional<PoseEstimate> estimate;  ///< for now
   std::optional<FilterUpdate> sighting;  ///< what the filter made of this cycle's sighting
-  std::optional<double> distance_to_go;  ///< m
   bool phase_changed = false;
   bool over = false;                      ///< the phase is docked, failed or stopped
   std::chrono::nanoseconds next_tick{0};  ///< wanted time until the next cycle (eq. 6 while a path is driven)
@@ -60,6 +59,9 @@ class Docker {
 
   /// Where the camera sees the station at a time (a frame's mid-exposure, also a past one), for the locator's region.
   [[nodiscard]] std::optional<Eigen::Isometry3d> predicted_view(std::chrono::nanoseconds time) const;
+
+  /// What remains of the way after a cycle [m], for people; none where the phase has no end that can be measured.
+  [[nodiscard]] std::optional<double> distance_to_go(const TickResult& result) const;
 
   /// Where the robot is at a time; none while there is no estimate.
   [[nodiscard]] std::optional<PoseEstimate> estimate(std::chrono::nanoseconds time) const;

@@ -19,17 +19,15 @@ struct Steering {
   double curvature = 0.0;  // 1/m
 };
 
-Steering steering_at(const Path& path, double distance, const OdometryControllerConfig& config) {
-  const PathPoint here = point_at(path, distance);
+Steering steering_at(const Path& path, double distance, const PathPoint& here, double whole,
+                     const OdometryControllerConfig& config) {
   if (config.castor_scrub <= 0.0 || here.direction < 0) return {here.pose.yaw, here.curvature};
-  const auto curvature_at = [&](double at) { return point_at(path, std::clamp(at, 0.0, length(path))).curvature; };
-  const auto held = [&](double at) {
-    return config.castor_scrub * held_back_in_turn(curvature_at(at), config.castors);
-  };
+  const auto curvature = [&](double at) { return curvature_at(path, std::clamp(at, 0.0, whole)); };
+  const auto held = [&](double at) { return config.castor_scrub * held_back_in_turn(curvature(at), config.castors); };
   constexpr double beside = 0.03;  // m; castors do not follow faster
   const double later = distance + config.steer_ahead;
   return {here.pose.yaw + held(distance),
-          curvature_at(later) + (held(later + beside) - held(later - beside)) / (2.0 * beside)};
+          curvature(later) + (held(later + beside) - held(later - beside)) / (2.0 * beside)};
 }
 
 }  // namespace
@@ -61,7 +59,8 @@ FollowStep follow(const Path& path, const FollowState& state, const Pose2& pose,
   result.next = state;
 
   // What the gate held back the reference does not run ahead of.
-  const PathPoint last = point_at(path, state.reference);
+  PathWalk walk(path);
+  const PathPoint last = walk.at(state.reference);
   double speed_before = state.reference_speed;
   if (passed && std::abs(*passed) < std::abs(state.wanted))
     speed_before = std::min(speed_before, std::max(0.0, last.direction * *passed));
@@ -75,12 +74,12 @@ FollowStep follow(const Path& path, const FollowState& state, const Pose2& pose,
   result.next.reference = std::min(whole, state.reference + result.next.reference_speed * dt);
   result.remaining = whole - result.next.reference;
 
-  const PathPoint wanted = point_at(path, result.next.reference);
+  const PathPoint wanted = walk.at(result.next.reference);
   result.deviation = between(wanted.pose, pose);
   result.deviation.yaw = wrap_angle(result.deviation.yaw);
   const double along_error = -result.deviation.x;  // ahead is positive for the direction the robot faces
   const double lateral_error = -result.deviation.y;
-  const Steering steering = steering_at(path, result.next.reference, config);
+  const Steering steering = steering_at(path, result.next.reference, wanted, whole, config);
   const double heading_error = wrap_angle(steering.heading - pose.yaw);
 
   if (result.remaining < 0.001 && config.end_speed == 0.0) {

@@ -179,51 +179,83 @@ void PoseFilter::predict(const Odometry& reading) {
   while (states_.size() > config_.readings_remembered) states_.pop_front();
 }
 
-PoseFilter::State PoseFilter::moved_on(const State& before, const Pose2& motion) const {
-  State after = before;
-  after.reading.T_odom_base = before.reading.T_odom_base * motion;
-  const CastorPush castors = push(before.castors, motion, rig_.odometry.track, config_.castors);
-  after.castors = castors.after;
-  after.castor_turn += std::abs(before.lasting(0) * castors.around);
-  if (!has_estimate_) return after;
-
+PoseFilter::PoseMotion PoseFilter::pose_motion(const State& before, const Pose2& motion) const {
+  PoseMotion result;
+  result.castors = push(before.castors, motion, rig_.odometry.track, config_.castors);
+  if (!has_estimate_) return result;
   // What odometry does not see bends the chord by half of it.
   const double scrub = before.lasting(0);
   const double pull = before.lasting(1);
   const double ahead = (1.0 + before.lasting(2)) * motion.x;
-  const double turned = scrub * castors.around + pull * motion.x;
+  const double turned = scrub * result.castors.around + pull * motion.x;
   const double heading = before.T_station_base.yaw + 0.5 * turned;
-  const double c = std::cos(heading);
-  const double s = std::sin(heading);
-  const double aside = motion.y + scrub * castors.aside;
-  const Eigen::Vector2d step(c * ahead - s * aside, s * ahead + c * aside);
-  after.T_station_base = {before.T_station_base.x + step.x(), before.T_station_base.y + step.y(),
-                          wrap_angle(before.T_station_base.yaw + motion.yaw + turned)};
+  result.cosine = std::cos(heading);
+  result.sine = std::sin(heading);
+  const double aside = motion.y + scrub * result.castors.aside;
+  result.step = {result.cosine * ahead - result.sine * aside, result.sine * ahead + result.cosine * aside};
+  result.T_station_base = {before.T_station_base.x + result.step.x(), before.T_station_base.y + result.step.y(),
+                           wrap_angle(before.T_station_base.yaw + motion.yaw + turned)};
+  return result;
+}
 
-  // Only the pose moves: the lasting values and their covariance stay as they are.
-  Eigen::Matrix<double, 3, 7> by_state = Eigen::Matrix<double, 3, 7>::Identity();
-  const Eigen::Vector2d by_heading(-step.y(), step.x());
-  by_state.block<2, 1>(0, 2) = by_heading;
-  by_state.block<2, 1>(0, 3) = 0.5 * castors.around * by_heading + castors.aside * Eigen::Vector2d(-s, c);
-  by_state.block<2, 1>(0, 4) = 0.5 * motion.x * by_heading;
-  by_state.block<2, 1>(0, 5) = motion.x * Eigen::Vector2d(c, s);
-  by_state(2, 3) = castors.around;
-  by_state(2, 4) = motion.x;
-  const Eigen::Matrix<double, 3, 7> moved = by_state.lazyProduct(before.covariance);
-  const Eigen::Matrix3d of_pose = moved.lazyProduct(by_state.transpose());
+PoseFilter::State PoseFilter::moved_on(const State& before, const Pose2& motion) const {
+  State after = before;
+  after.reading.T_odom_base = before.reading.T_odom_base * motion;
+  const PoseMotion moved = pose_motion(before, motion);
+  const CastorPush& castors = moved.castors;
+  after.castors = castors.after;
+  after.castor_turn += std::abs(before.lasting(0) * castors.around);
+  if (!has_estimate_) return after;
+  after.T_station_base = moved.T_station_base;
+
+  // Only the pose moves: the lasting values and their covariance stay as they are. How it does, by heading and the
+  // lasting values; x by x, y by y and yaw by yaw are one, the rest is zero.
+  const double c = moved.cosine;
+  const double s = moved.sine;
+  Eigen::Matrix<double, 3, 4> by_state;  // columns: yaw, scrub, pull, stretch
+  const Eigen::Vector2d by_heading(-moved.step.y(), moved.step.x());
+  by_state.block<2, 1>(0, 0) = by_heading;
+  by_state.block<2, 1>(0, 1) = 0.5 * castors.around * by_heading + castors.aside * Eigen::Vector2d(-s, c);
+  by_state.block<2, 1>(0, 2) = 0.5 * motion.x * by_heading;
+  by_state.block<2, 1>(0, 3) = motion.x * Eigen::Vector2d(c, s);
+  by_state.row(2) << 1.0, castors.around, motion.x, 0.0;
+  // Rows of products in the order in which Eigen sums them, so that replays of older sessions stay bit-equal.
+  const auto in_turn = [&](int row, double own, double yaw, double of_scrub, double of_pull, double of_stretch) {
+    return own + by_state(row, 0) * yaw + by_state(row, 1) * of_scrub + by_state(row, 2) * of_pull +
+           by_state(row, 3) * of_stretch;
+  };
+  const auto in_pairs = [&](int row, double own, double yaw, double of_scrub, double of_pull, double of_stretch) {
+    return (own + by_state(row, 0) * yaw) +
+           ((by_state(row, 1) * of_scrub + by_state(row, 2) * of_pull) + by_state(row, 3) * of_stretch);
+  };
+  const Matrix7& old = before.covariance;
+  Eigen::Matrix<double, 3, 7> by_pose;  // covariance of the moved pose with the state before
+  for (int k = 0; k < 7; ++k) {
+    for (int row = 0; row < 2; ++row)
+      by_pose(row, k) = in_turn(row, old(row, k), old(2, k), old(3, k), old(4, k), old(5, k));
+    by_pose(2, k) = in_pairs(2, 0.0, old(2, k), old(3, k), old(4, k), old(5, k));
+  }
+  Eigen::Matrix3d of_pose;
+  for (int i = 0; i < 3; ++i) {
+    const auto row_of = [&](int row, double own) {
+      return i < 2 ? in_turn(row, own, by_pose(i, 2), by_pose(i, 3), by_pose(i, 4), by_pose(i, 5))
+                   : in_pairs(row, own, by_pose(i, 2), by_pose(i, 3), by_pose(i, 4), by_pose(i, 5));
+    };
+    of_pose.row(i) << row_of(0, by_pose(i, 0)), row_of(1, by_pose(i, 1)), row_of(2, 0.0);
+  }
   after.covariance.topLeftCorner<3, 3>() = 0.5 * (of_pose + of_pose.transpose());
-  after.covariance.topRightCorner<3, 4>() = moved.rightCols<4>();
-  after.covariance.bottomLeftCorner<4, 3>() = moved.rightCols<4>().transpose();
+  after.covariance.topRightCorner<3, 4>() = by_pose.rightCols<4>();
+  after.covariance.bottomLeftCorner<4, 3>() = by_pose.rightCols<4>().transpose();
   after.covariance.topLeftCorner<3, 3>() += drift(motion, before.T_station_base.yaw, config_);
   after.covariance(3, 3) +=
       config_.castors.scrub_wander * config_.castors.scrub_wander * std::hypot(motion.x, motion.y);
   return after;
 }
 
-Pose2 PoseFilter::seen_pose(const State& state) const {
+Pose2 PoseFilter::seen_pose(const Pose2& T_station_base, double camera_yaw) const {
   const Pose2 ahead = camera_point(rig_);
-  const Pose2 camera = state.T_station_base * ahead;
-  return Pose2{camera.x, camera.y, wrap_angle(camera.yaw + state.lasting(3))} * inverse(ahead);
+  const Pose2 camera = T_station_base * ahead;
+  return Pose2{camera.x, camera.y, wrap_angle(camera.yaw + camera_yaw)} * inverse(ahead);
 }
 
 void PoseFilter::propagate_from(std::size_t index) {
@@ -241,17 +273,16 @@ std::optional<std::size_t> PoseFilter::state_before(std::chrono::nanoseconds tim
   return static_cast<std::size_t>(after - states_.begin()) - 1;
 }
 
-PoseFilter::State PoseFilter::state_at(std::size_t before, std::chrono::nanoseconds time) const {
+Pose2 PoseFilter::motion_until(std::size_t before, std::chrono::nanoseconds time) const {
   const State& state = states_[before];
-  Pose2 motion;
-  if (before + 1 < states_.size()) {
-    const State& next = states_[before + 1];
-    const double share = seconds(time - state.reading.time) / seconds(next.reading.time - state.reading.time);
-    motion = share_of(between(state.reading.T_odom_base, next.reading.T_odom_base), share);
-  } else {
-    motion = moved({}, state.reading.velocity, seconds(time - state.reading.time));
-  }
-  State result = moved_on(state, motion);
+  if (before + 1 >= states_.size()) return moved({}, state.reading.velocity, seconds(time - state.reading.time));
+  const State& next = states_[before + 1];
+  const double share = seconds(time - state.reading.time) / seconds(next.reading.time - state.reading.time);
+  return share_of(between(state.reading.T_odom_base, next.reading.T_odom_base), share);
+}
+
+PoseFilter::State PoseFilter::state_at(std::size_t before, std::chrono::nanoseconds time) const {
+  State result = moved_on(states_[before], motion_until(before, time));
   result.reading.time = time;
   return result;
 }
@@ -310,7 +341,7 @@ void PoseFilter::no_surer_than_measured(PlanarSighting& sighting) const {
 
 FilterUpdate PoseFilter::acquire(const PlanarSighting& sighting) {
   const std::size_t before = *state_before(sighting.time);
-  const Pose2 T_odom_base = state_at(before, sighting.time).reading.T_odom_base;
+  const Pose2 T_odom_base = states_[before].reading.T_odom_base * motion_until(before, sighting.time);
   const auto stood = [&](const Pose2& other) {
     const Pose2 motion = between(other, T_odom_base);
     return std::hypot(motion.x, motion.y) < config_.standstill_distance &&
@@ -378,7 +409,7 @@ FilterUpdate PoseFilter::fuse(const PlanarSighting& first, const std::optional<P
                               double log_odds) {
   const std::size_t before = *state_before(first.time);
   const State prior = state_at(before, first.time);
-  const Pose2 expected = seen_pose(prior);
+  const Pose2 expected = seen_pose(prior.T_station_base, prior.lasting(3));
   const Eigen::Matrix<double, 3, 7> by_state = seen_by_state(expected, camera_point(rig_));
   const Eigen::Matrix<double, 7, 3> by_seen = prior.covariance * by_state.transpose();
   const Eigen::Matrix3d spread = by_state * by_seen;
@@ -471,12 +502,13 @@ std::optional<PoseEstimate> PoseFilter::estimate(std::chrono::nanoseconds time) 
 std::optional<Pose2> PoseFilter::T_odom_base(std::chrono::nanoseconds time) const {
   const std::optional<std::size_t> before = state_before(time);
   if (!before) return std::nullopt;
-  return state_at(*before, time).reading.T_odom_base;
+  return states_[*before].reading.T_odom_base * motion_until(*before, time);
 }
 
 std::optional<Eigen::Isometry3d> PoseFilter::predicted_view(std::chrono::nanoseconds time) const {
   if (const std::optional<std::size_t> before = has_estimate_ ? state_before(time) : std::nullopt)
-    return level_view(rig_, seen_pose(state_at(*before, time)));
+    return level_view(rig_, seen_pose(pose_motion(states_[*before], motion_until(*before, time)).T_station_base,
+                                      states_[*before].lasting(3)));
   if (!last_sighting_) return std::nullopt;
   const std::optional<Pose2> then = T_odom_base(last_sighting_->time);
   const std::optional<Pose2> now = T_odom_base(time);

@@ -78,7 +78,7 @@ struct PoseFilterConfig {
   double settled_log_odds = 10.0;
   /// What takes the yaw of an unsettled sighting out of the fusion [rad].
   double unsettled_yaw = 0.0873;
-  std::size_t readings_remembered = 200;  ///< odometry readings, 4 s at 50 Hz
+  std::size_t readings_remembered = 200;  ///< and fused sightings among them: 2.7 s at 50 Hz and 25 frames a second
   /// How well one frame tells the pose, as measured: a sighting that claims more counts no more than this.
   std::optional<SensorErrors> sensor;
 };
@@ -182,9 +182,19 @@ class PoseFilter {
   [[nodiscard]] std::optional<std::size_t> state_before(std::chrono::nanoseconds time) const;
   [[nodiscard]] State state_at(std::size_t before, std::chrono::nanoseconds time) const;
   void propagate_from(std::size_t index);
+  /// What a motion by odometry does to the estimated pose.
+  struct PoseMotion {
+    CastorPush castors;
+    // Only with an estimate:
+    double cosine = 1.0, sine = 0.0;                 ///< of the chord's heading
+    Eigen::Vector2d step = Eigen::Vector2d::Zero();  ///< m, in the station frame
+    Pose2 T_station_base;                            ///< after it
+  };
+  [[nodiscard]] Pose2 motion_until(std::size_t before, std::chrono::nanoseconds time) const;
+  [[nodiscard]] PoseMotion pose_motion(const State& before, const Pose2& motion) const;
   [[nodiscard]] State moved_on(const State& before, const Pose2& motion) const;
   /// The pose that a robot seems to have which believes its camera's yaw.
-  [[nodiscard]] Pose2 seen_pose(const State& state) const;
+  [[nodiscard]] Pose2 seen_pose(const Pose2& T_station_base, double camera_yaw) const;
 
   Rig rig_;
   PoseFilterConfig config_;

@@ -1,6 +1,8 @@
 #include "app/cameras/in_process.h"
 
 #include <cmath>
+#include <deque>
+#include <limits>
 
 #include "app/simulation/frame_schedule.h"
 
@@ -11,8 +13,11 @@ using std::chrono::nanoseconds;
 
 class InProcessCamera final : public Camera {
  public:
-  InProcessCamera(std::shared_ptr<SharedWorld> world, const SimulationFaults& faults)
-      : world_(std::move(world)), dies_at_(std::llround(1e9 * faults.camera_dies_at_s)), schedule_(dies_at_) {}
+  InProcessCamera(std::shared_ptr<SharedWorld> world, const SimulationFaults& faults, double gain_db)
+      : world_(std::move(world)),
+        dies_at_(std::llround(1e9 * faults.camera_dies_at_s)),
+        schedule_(dies_at_),
+        set_{{nanoseconds(std::numeric_limits<std::int64_t>::min()), first_exposure_us(), gain_db}} {}
 
   std::optional<CameraFrame> newest(nanoseconds now) override {
     const std::lock_guard lock(world_->mutex);
@@ -26,10 +31,17 @@ class InProcessCamera final : public Camera {
     ++health_.received;
     CameraFrame frame;
     frame.lost_before = arrival->lost_before;
-    frame.frame = {world.render(arrival->exposed).gray, arrival->exposed, arrival->number};
+    while (set_.size() > 1 && set_[1].since <= arrival->exposed) set_.pop_front();
+    const Setting& set = set_.front();
+    TimedExposure timed = world.exposure_at(arrival->exposed);
+    const double changed = set.exposure_us * std::pow(10.0, set.gain_db / 20.0) / first_exposure_us();
+    constexpr double rounding = 0.01;  // as in LiveWorld
+    if (std::abs(changed - 1.0) > rounding) timed.exposure.light *= changed;
+    frame.frame = {world.renderer().render(timed.exposure, timed.noise_seed).gray, arrival->exposed, arrival->number};
     frame.arrived = arrival->arrived;
     frame.camera_time = arrival->exposed;
-    frame.exposure_us = 1e6 * world.scenario().camera.exposure;
+    frame.exposure_us = set.exposure_us;
+    frame.gain = set.gain_db;
     last_ = frame.arrived;
     return frame;
   }
@@ -52,16 +64,27 @@ class InProcessCamera final : public Camera {
     settings.sensor_width = settings.width = camera.width;
     settings.sensor_height = settings.height = camera.height;
     settings.frame_rate = world_->world.scenario().camera.frame_rate;
-    settings.exposure_us = 1e6 * world_->world.scenario().camera.exposure;
+    settings.exposure_us = set_.back().exposure_us;
+    settings.gain = set_.back().gain_db;
     return settings;
   }
 
+  void adjust(double exposure_us, double gain) override { set_.push_back({now_, exposure_us, gain}); }
+
  private:
+  struct Setting {
+    nanoseconds since;  ///< for frames exposed from then on
+    double exposure_us;
+    double gain_db;
+  };
+
+  [[nodiscard]] double first_exposure_us() const { return 1e6 * world_->world.scenario().camera.exposure; }
   [[nodiscard]] bool died(nanoseconds time) const { return dies_at_.count() > 0 && time >= dies_at_; }
 
   std::shared_ptr<SharedWorld> world_;
   nanoseconds dies_at_;
   FrameSchedule schedule_;
+  std::deque<Setting> set_;  ///< the one of the newest frame, and those after it
   nanoseconds now_{0};
   nanoseconds last_{0};
   CameraHealth health_;
@@ -69,8 +92,9 @@ class InProcessCamera final : public Camera {
 
 }  // namespace
 
-std::unique_ptr<Camera> in_process_camera(std::shared_ptr<SharedWorld> world, const SimulationFaults& faults) {
-  return std::make_unique<InProcessCamera>(std::move(world), faults);
+std::unique_ptr<Camera> in_process_camera(std::shared_ptr<SharedWorld> world, const SimulationFaults& faults,
+                                          double gain_db) {
+  return std::make_unique<InProcessCamera>(std::move(world), faults, gain_db);
 }
 
 }  // namespace tagdock

@@ -143,7 +143,8 @@ void DockingTopics::publish_status(const DockingLoop::Inputs& inputs, const Tick
   json["phase"] = std::string(name(docker.phase()));
   json["over"] = result.over;
   json["attempts"] = job_of(docker.phase()).attempts;
-  json["distance_to_go"] = result.distance_to_go ? nlohmann::ordered_json(*result.distance_to_go) : nullptr;
+  const std::optional<double> rest = docker.distance_to_go(result);
+  json["distance_to_go"] = rest ? nlohmann::ordered_json(*rest) : nullptr;
   if (const auto reason = reason_of(docker.phase()))
     json["reason"] = {{"cause", std::string(word(reason->cause))}, {"sentence", reason->sentence}};
   else

@@ -105,6 +105,7 @@ bool RobotPhysics::is_forsaken() const {
 
 void RobotPhysics::take_step() {
   constexpr double dt = std::chrono::duration<double>(step).count();
+  const bool rested = truth_.wheels == Twist2{};
   const auto dead_time = std::chrono::nanoseconds(std::llround(1e9 * drive_.dead_time));
   const Twist2 wanted = wanted_at(truth_.time - dead_time);
 
@@ -122,6 +123,12 @@ void RobotPhysics::take_step() {
   }
   const double v = wheels.linear;
   const double w = wheels.angular;
+  if (rested && v == 0.0 && w == 0.0) {  // everything below is a multiple of them
+    truth_.motion = {};
+    truth_.time += step;
+    ++steps_;
+    return;
+  }
   const double odometry_yaw = T_odom_base_.yaw + 0.5 * w * dt;
   T_odom_base_.x += v * std::cos(odometry_yaw) * dt;
   T_odom_base_.y += v * std::sin(odometry_yaw) * dt;
@@ -166,7 +173,8 @@ void RobotPhysics::take_step() {
     const double swivel = -w1 + (-pivot_x * sine + pivot_y * cosine) / drive_.castor_trail;
     const double spin = (w1 + swivel) / std::max(0.01, std::hypot(pivot_x, pivot_y));
     double friction = field_.friction[i];
-    if (on_patch(pose.x + x * std::cos(pose.yaw) - y * std::sin(pose.yaw))) friction *= drive_.patch_friction;
+    if (drive_.patch_length > 0.0 && on_patch(pose.x + x * std::cos(pose.yaw) - y * std::sin(pose.yaw)))
+      friction *= drive_.patch_friction;
     const double moment =
         drive_.scrub_factor * friction * castor_load * drive_.scrub_radius * std::tanh(spin / drive_.creepage);
     const double force_x = moment / drive_.castor_trail * sine;

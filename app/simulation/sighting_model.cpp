@@ -77,6 +77,7 @@ Sighting SightingModel::look(const World& world, std::uint64_t frame, std::chron
   const Eigen::Isometry3d T_camera_station_close = poses.back().inverse();
   Draws noise(mixed(seed_) + frame, corner_noise_purpose);
   std::vector<RefinedTag> tags;
+  tags.reserve(world.board().tags.size());
   for (const BoardTag& tag : world.board().tags) {
     std::optional<Corners> corners = corners_seen(tag, T_camera_station, world.rig().camera, border_px_);
     if (!corners) continue;
@@ -84,7 +85,7 @@ Sighting SightingModel::look(const World& world, std::uint64_t frame, std::chron
     const double noise_px = errors_.noise_at(side);
     const double bias_px = errors_.bias_at(side);
     const TagPoints points = corners_station(tag);
-    RefinedTag seen;
+    RefinedTag& seen = tags.emplace_back();
     seen.id = tag.id;
     const Biases& bias = bias_of(tag.id);
     for (std::size_t i = 0; i < 4; ++i) {
@@ -103,7 +104,6 @@ Sighting SightingModel::look(const World& world, std::uint64_t frame, std::chron
       }
     }
     seen.terms = "drawn";
-    tags.push_back(seen);
   }
   if (tags.empty()) return Unseen::no_tag;
   Sighting sighting = Unseen::no_pose;

@@ -124,7 +124,9 @@ void World::place(nanoseconds time, const Pose2& T_station_base) {
 void World::remember(nanoseconds time, const Pose2& T_station_base) {
   history_.push_back({time, T_station_base});
   while (history_.front().time + kept < time) history_.pop_front();
-  if (!light_changed_ && -T_station_camera_point().x < scenario_.station.light_change_range) light_changed_ = time;
+  if (scenario_.station.light_change != 1.0 && !light_changed_ &&
+      -T_station_camera_point().x < scenario_.station.light_change_range)
+    light_changed_ = time;
 }
 
 Pose2 World::T_station_base_at(nanoseconds time) const {

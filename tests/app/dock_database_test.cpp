@@ -42,7 +42,8 @@ const std::string example = R"(docks:
 TEST_CASE("Nav2's dock database goes to ours and back with nothing lost") {
   const std::vector<DockEntry> docks = nav2(example);
   REQUIRE(docks.size() == 3);
-  CHECK(docks[1] == DockEntry{"flex_dock2", "dock_flex", "map", {20.0, 20.0, -1.570796}, "42", "", std::nullopt});
+  CHECK(docks[1] ==
+        DockEntry{"flex_dock2", "dock_flex", "map", {20.0, 20.0, -1.570796}, "42", "", std::nullopt, std::nullopt});
   CHECK(docks[2].frame == "map");
   const std::vector<DockEntry> ours = read_docks(Written(docks_yaml(docks)).file);
   const std::vector<DockEntry> again = nav2(nav2_docks(ours));
@@ -68,6 +69,28 @@ TEST_CASE("what only we know of a dock is kept, and a dock is found by name") {
   CHECK(*again[0].dock_pose == Pose2{-1.0, 0.01, 0.0});
   CHECK(find_dock(again, "bare").pose.x == 1.0);
   CHECK_THROWS_WITH(find_dock(again, "nowhere"), Contains("home_dock flex_dock2 bare"));
+}
+
+TEST_CASE("what was taught at a dock is kept with it: how well its pose was measured and how the board hung") {
+  std::vector<DockEntry> docks = nav2(example);
+  docks[0].dock_pose = Pose2{-1.0, 0.01, 0.0};
+  TaughtDock taught;
+  taught.covariance << 4e-8, 1e-9, 0.0, 1e-9, 9e-8, 2e-9, 0.0, 2e-9, 1e-8;
+  taught.hang = BoardHang{0.352, 0.001, -0.002};
+  docks[0].taught = taught;
+  const std::vector<DockEntry> again = read_docks(Written(docks_yaml(docks)).file);
+  REQUIRE(again[0].taught);
+  CHECK(again[0].taught->covariance.isApprox(taught.covariance, 1e-12));  // through sigmas and degrees
+  REQUIRE(again[0].taught->hang);
+  CHECK(again[0].taught->hang->camera_height == 0.352);
+  CHECK(again[0].taught->hang->roll == Approx(0.001).epsilon(1e-12));
+  CHECK(again[0].taught->hang->pitch == Approx(-0.002).epsilon(1e-12));
+  CHECK_FALSE(again[1].taught);
+  // Without the board's hang, and without a pose that it could belong to.
+  docks[0].taught->hang.reset();
+  CHECK_FALSE(read_docks(Written(docks_yaml(docks)).file)[0].taught->hang);
+  docks[0].dock_pose.reset();
+  CHECK_THROWS_WITH(read_docks(Written(docks_yaml(docks)).file), Contains("taught") && Contains("dock_pose"));
 }
 
 TEST_CASE("dock databases that mean something else are refused with file, line and key") {

@@ -166,6 +166,53 @@ TEST_CASE("one plan is drawn, and one that cannot be is refused with exit code 1
   CHECK(run({"--from", "-1.5,0.5,0", "--to", "-1,0,0", "--output", folder.file("no.csv")}) == 1);
 }
 
+TEST_CASE("with a robot the plan says how sure its camera is at start and goal, and refuses where it could not dock") {
+  const Folder folder;
+  const auto planned = [&](std::vector<std::string> more) {
+    std::vector<std::string> all = {
+        "--from", "-3.8,0.3,0", "--to", "-1.35,0,0", "--json", "--output", folder.file("plan.json")};
+    all.insert(all.end(), more.begin(), more.end());
+    const int code = run(all);
+    std::ifstream in(folder.file("plan.json"));
+    return std::pair(code, nlohmann::json::parse(in));
+  };
+  const auto [plain_code, plain] = planned({});
+  CHECK(plain_code == 0);
+  CHECK_FALSE(plain.contains("measured_sigma"));
+  // The default robot: 1 m before its board the shipped map has its first column, and there it is surest.
+  const auto [code, sure] = planned({"--sensor-errors", "shipped"});
+  CHECK(code == 0);
+  CHECK(sure["status"] == "ok");
+  const auto& sigma = sure["measured_sigma"];
+  CHECK(sigma["goal"]["x"].get<double>() == Approx(1.808e-6).epsilon(1e-3));
+  CHECK(sigma["goal"]["y"].get<double>() == Approx(4.665e-6).epsilon(1e-3));
+  CHECK(sigma["goal"]["yaw"].get<double>() == Approx(0.0002571 * 3.14159265 / 180.0).epsilon(1e-3));
+  CHECK(sigma["start"]["y"].get<double>() > 10.0 * sigma["goal"]["y"].get<double>());
+  // Where nothing was measured, nothing is claimed.
+  CHECK(planned({"--sensor-errors", "shipped", "--board", "20,0,0"}).second["measured_sigma"]["goal"].is_null());
+  CHECK(planned({"--sensor-errors", "none"}).second["measured_sigma"]["goal"].is_null());
+
+  // A camera that tells y by 5 mm only at the dock, and yaw by a degree from the start.
+  std::ostringstream map;
+  map << "method: best\nframes: 6\ntags: 3\ntag_size_m: 0.16\nimage_width: 1280\nfocal_length_px: 1229.17\n"
+         "distance_m: [0.9, 5.5]\nbearing_deg: [0, 60]\nplace: [0, 1]\nrows:\n";
+  for (const char* place : {"0", "1"})
+    for (const char* bearing : {"0", "60"})
+      map << "  - place: " << place << "\n    bearing_deg: " << bearing
+          << "\n    along_mm: [1, 1]\n    across_mm: [5, 5]\n    heading_deg: [0.1, 1]\n";
+  const std::string config =
+      folder.write("poor.yaml", "detection: {sensor_errors: " + folder.write("poor_map.yaml", map.str()) + "}\n");
+  const auto [refused_code, refused] = planned({"--config", config});
+  CHECK(refused_code == 1);
+  CHECK(refused["status"] == "unsure_at_dock");
+  CHECK(refused["sentence"].get<std::string>().find(", 5 mm") != std::string::npos);
+  CHECK_FALSE(refused.contains("segments"));
+  CHECK(refused["warning"].get<std::string>().find("the robot drives off with") != std::string::npos);
+  // A way out of the dock asks nothing of its end.
+  CHECK(run({"--from", "-1.35,0,0", "--to", "-3,0,0", "--reverse", "--config", config, "--output",
+             folder.file("out.csv")}) == 0);
+}
+
 TEST_CASE("a wrong command line or file is a usage failure that names what is wrong") {
   const Folder folder;
   const auto sentence = [](const std::vector<std::string>& arguments) -> std::string {

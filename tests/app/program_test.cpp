@@ -150,6 +150,44 @@ TEST_CASE("a dock that was taught is docked at, in the very place; a board that 
       run(scratch, "dock --speedup 0 --seed 4 --scenario data/scenarios/board_sunk.yaml --config " + taught);
   CHECK(sunk.code == 1);
   CHECK_THAT(sunk.out + sunk.err, Contains("the board hangs") && Contains("teach again"));
+
+  // A dock that was knocked aside by 20 mm: the robot docks at it where it is now, and the truth is against that.
+  const Run moved =
+      run(scratch, "dock --speedup 0 --seed 4 --json --scenario data/scenarios/dock_moved.yaml --config " + taught);
+  INFO(moved.err);
+  REQUIRE(moved.code == 0);
+  const nlohmann::json at_moved = nlohmann::json::parse(moved.out)["final"];
+  CHECK(std::abs(at_moved["pose_error_true"]["y"].get<double>()) < 0.003);
+  CHECK(std::abs(at_moved["pose_error_true"]["y"].get<double>() - at_moved["pose_error_estimated"]["y"].get<double>()) <
+        0.0001);
+}
+
+TEST_CASE("one dock of several is taught into the dock database, and docked at from there", "[docking]") {
+  const Scratch scratch;
+  const std::string docks = scratch.write(
+      "docks.yaml",
+      "version: 1\ndocks:\n  - name: home\n    pose: {x_m: 1, y_m: 2, yaw_deg: 0}\n    dock_pose: {x_m: -1.05, y_m: "
+      "0.02, yaw_deg: 0.5}\n  - name: other\n    pose: {x_m: 5, y_m: 2, yaw_deg: 90}\n");
+  const std::string taught = scratch.path("taught_docks.yaml");
+  const Run teaching =
+      run(scratch, "teach --speedup 0 --seed 4 --seconds 2 --docks " + docks + " --dock home --output " + taught);
+  INFO(teaching.err);
+  REQUIRE(teaching.code == 0);
+  const Run listed = run(scratch, "docks export --json " + taught);
+  const nlohmann::json known = nlohmann::json::parse(listed.out)["docks"];
+  REQUIRE(known.size() == 2);
+  CHECK(known[0]["taught"]["sigma"]["y"].get<double>() < 1e-4);
+  CHECK(known[0]["taught"]["hang"]["camera_height"].get<double>() > 0.1);
+  CHECK(known[1]["taught"].is_null());
+  const Run docking = run(scratch, "dock --speedup 0 --seed 4 --json --docks " + taught + " --dock home");
+  INFO(docking.err);
+  CHECK(docking.code == 0);
+  CHECK(nlohmann::json::parse(docking.out)["final"]["pose_error_estimated"]["taught"] == true);
+  const Run sunk = run(scratch, "dock --speedup 0 --seed 4 --scenario data/scenarios/board_sunk.yaml --docks " +
+                                    taught + " --dock home");
+  CHECK(sunk.code == 1);
+  CHECK_THAT(sunk.out + sunk.err, Contains("the board hangs"));
+  CHECK(run(scratch, "teach --speedup 0 --docks " + docks + " --output " + taught).code == 2);
 }
 
 TEST_CASE("what cannot be taught is refused, and nothing is written", "[quick]") {

@@ -2,6 +2,7 @@
 
 #include <catch2/catch.hpp>
 
+#include "app/simulation/untouched.h"
 #include "app/simulation/world.h"
 
 using namespace tagdock;
@@ -168,4 +169,20 @@ TEST_CASE("dirt hides a part of its tag") {
   for (const TrueTag& tag : dirty.render(nanoseconds(0)).tags) CHECK(tag.fully_visible == (tag.id != 1));
   scenario.station.dirt[0].tag = 77;
   CHECK_THROWS_WITH(World(scenario, small_rig(), default_board(0.35), 2), Catch::Contains("77"));
+}
+
+TEST_CASE("the error of a docking is against the dock where it stands now, and teaching comes before it was moved") {
+  Scenario moved = true_to_its_files();
+  moved.station.moved = {0.0, 0.02, 0.0};
+  moved.residuals.camera_bump = 0.003;
+  moved.faults.frames_stop_range = 1.5;
+  World world(moved, small_rig(), default_board(0.35), 3);
+  const Pose2 point = world.T_station_camera_point();
+  CHECK(world.docking_error(point).y == Approx(-0.02).margin(1e-12));
+  const Scenario before = untouched(moved);
+  World taught(before, small_rig(), default_board(0.35), 3);
+  CHECK(taught.docking_error(taught.T_station_camera_point()).y == Approx(0.0).margin(1e-12));
+  CHECK(before.residuals.camera_bump == 0.0);
+  CHECK(before.faults.frames_stop_range == 0.0);
+  CHECK(before.start.range == moved.start.range);
 }

@@ -1,5 +1,7 @@
 #include "planning/path.h"
 
+#include <algorithm>
+
 #include <catch2/catch.hpp>
 
 using namespace tagdock;
@@ -46,4 +48,40 @@ TEST_CASE("the point of a path at its length is its end, and distances outside a
 
 TEST_CASE("a change from forward to reverse is a cusp") {
   CHECK(cusps({{}, {{1.0, 0.0, 0.0}, {-1.0, 0.5, 0.0}, {-0.5, 0.0, 0.0}, {1.0, 0.0, 0.0}}}) == 2);
+}
+
+TEST_CASE("points of a walk along a path are those of the path, in whatever order they are asked for") {
+  const Path path{{1.0, 2.0, 0.3}, {{1.0, 0.0, 0.0}, {0.8, 0.0, 1.0}, {0.8, 0.8, -1.0}, {-0.5, 0.0, 0.2}}};
+  PathWalk walk(path);
+  for (const double distance : {-1.0, 0.0, 0.5, 1.0, 1.3, 2.6, 2.2, 3.0, 0.9, 3.1, 9.0, 1.8}) {
+    CAPTURE(distance);
+    // Truth: every segment before the point is driven whole, one after the other.
+    Pose2 start = path.start;
+    double rest = std::clamp(distance, 0.0, length(path));
+    std::size_t i = 0;
+    while (i + 1 < path.segments.size() && rest > std::abs(path.segments[i].length)) {
+      start = pose_along(start, path.segments[i], path.segments[i].length);
+      rest -= std::abs(path.segments[i++].length);
+    }
+    const Segment& segment = path.segments[i];
+    const double driven = std::copysign(std::min(rest, std::abs(segment.length)), segment.length);
+    const PathPoint seen = walk.at(distance);
+    CHECK(seen.pose == pose_along(start, segment, driven));
+    CHECK(seen.curvature == segment.curvature + segment.sharpness * driven);
+    CHECK(seen.direction == (segment.length < 0.0 ? -1 : 1));
+    CHECK(curvature_at(path, distance) == seen.curvature);
+    CHECK(point_at(path, distance).pose == seen.pose);
+  }
+}
+
+TEST_CASE("a pose seen from another one and an angle that is wrapped are to the last bit what their definitions give") {
+  for (const double yaw : {0.0, 0.4, -2.9, 3.1415, 7.0, -40.0}) {
+    const Pose2 a{1.2, -0.7, yaw};
+    const Pose2 b{-3.1, 0.2, 0.3 * yaw + 0.1};
+    CHECK(between(a, b) == inverse(a) * b);
+    const double wrapped = std::remainder(yaw, 2.0 * std::numbers::pi);
+    CHECK(wrap_angle(yaw) == wrapped);
+  }
+  CHECK(wrap_angle(std::numbers::pi) == std::numbers::pi);
+  CHECK(wrap_angle(-std::numbers::pi) == std::numbers::pi);
 }
