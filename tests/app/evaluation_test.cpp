@@ -166,6 +166,23 @@ TEST_CASE("where castors of twice the scrub swing a law that does not know of th
   }
 }
 
+TEST_CASE("the brisk configuration docks from 3.45 m within 17 s, and as surely") {
+  CampaignWish wish;
+  wish.scenario = "data/scenarios/straight_start.yaml";
+  const RunSettings usual = settings_of(wish);
+  wish.config = "data/brisk.yaml";
+  const RunSettings brisk = settings_of(wish);
+  for (std::uint64_t seed = 601; seed <= 610; ++seed) {
+    CAPTURE(seed);
+    const RunRecord record = run_once(brisk, seed);
+    CHECK(record.result == "docked");
+    CHECK(record.attempts == 1);
+    CHECK(std::abs(record.true_error.y) < 0.003);
+    CHECK(record.duration_s < 17.0);
+    CHECK(record.duration_s < run_once(usual, seed).duration_s - 3.0);
+  }
+}
+
 TEST_CASE("a sighting is found from the corners: what the robot expected, right or wrong, does not move it") {
   const RunSettings servo = settings("servo");
   for (const double bearing_deg : {0.0, 5.0, -12.0}) {
