@@ -72,19 +72,20 @@ std::vector<SetMember> scenario_set(const SetWish& wish) {
 
 std::vector<SetMember> ablation_set(const SetWish& wish) {
   std::vector<SetMember> members;
-  for (const std::string& path : {std::string("paper_start"), std::string("straight_start")})
+  for (const std::string& path : {std::string("paper"), std::string("straight")})
     for (const std::string& law : {std::string("open"), std::string("centering"), std::string("line")})
       for (const std::string& board : board_names())
         for (const std::string& corners : corner_error_names()) {
           CampaignWish one = wish.common;
+          if (!wish.scenarios.empty()) one.scenario = wish.scenarios.front();
           one.strategy = law == "open" ? "paper" : "servo";
           one.law = law == "open" ? "" : law;
           one.rig = wish.common.rig.empty() ? "default" : wish.common.rig;
           one.board = board;
           one.corners = corners;
-          one.scenario = scenario_files("all").front().parent_path() / (path + ".yaml");
+          one.start = path;
           one.limits_lifted = true;
-          members.push_back({path + "-" + law + "-" + board + "-" + corners, settings_of(one), wish.runs});
+          members.push_back({path + "_start-" + law + "-" + board + "-" + corners, settings_of(one), wish.runs});
         }
   return members;
 }

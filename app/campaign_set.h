@@ -46,7 +46,8 @@ std::vector<SetMember> scenario_set(const SetWish& wish);
 
 /// Path x law x board x corners on the same seeds: the paper's start and the straight one; open loop, ViSP's centering,
 /// the line law; the boards of `board_names`; the corner errors of `corner_error_names`. One attempt each, no refusal
-/// for an uncertain pose; the default rig.
+/// for an uncertain pose; the default rig. The world is the built-in one, or the first of the scenarios with its start
+/// replaced.
 std::vector<SetMember> ablation_set(const SetWish& wish);
 
 /// Runs a set: each member into `folder`/name, as run_campaign does, resumable and in the same shards.

@@ -26,6 +26,12 @@ void start_as_the_paper(StartScenario& start) {
   start.bearing_spread = start.heading_spread = 0.0;
 }
 
+// As near, and almost on the axis (notes on docking, 0): what the paper's start leaves of a path's length, straight.
+void start_straight(StartScenario& start) {
+  start_as_the_paper(start);
+  start.bearing = radians(5.0);
+}
+
 Rig rig_of(const std::string& word) {
   if (word == "default") return default_rig();
   if (word == "five_megapixel") return five_megapixel_rig();
@@ -45,8 +51,9 @@ std::filesystem::path shipped_scenarios() {
                                           program / "../share/tagdock/scenarios"};
   for (const std::filesystem::path& place : places)
     if (std::filesystem::exists(place / "default.yaml")) return place.lexically_normal();
-  throw Failure(ExitCode::usage,
-                "--scenario all: the shipped scenarios (data/scenarios) are not found from here; give their folder");
+  throw Failure(
+      ExitCode::usage,
+      "the shipped scenarios (data/scenarios) are not found from here; give --scenario FILE, or their folder");
 }
 
 }  // namespace
@@ -128,12 +135,15 @@ RunSettings settings_of(const CampaignWish& wish) {
   if (!scenario.empty()) {
     settings.scenario = read_scenario(scenario);
     settings.scenario_text = contents(scenario);
+  } else if (wish.start != "scenario") {
+    settings.scenario.name = wish.start + "_start";
   } else if (paper) {
     settings.scenario.name = "paper_start";
     start_as_the_paper(settings.scenario.start);
   }
   settings.start_name = wish.start;
   if (wish.start == "paper") start_as_the_paper(settings.scenario.start);
+  if (wish.start == "straight") start_straight(settings.scenario.start);
   if (!settings.images && needs_images(settings.scenario))
     throw Failure(ExitCode::usage, "scenario " + settings.scenario.name +
                                        " has dirt or other light, which only images show: give --images on");

@@ -185,6 +185,23 @@ int join(const EvaluateOptions& options) {
   return static_cast<int>(ExitCode::done);
 }
 
+// What an ablation goes through itself cannot be asked for beside it.
+void check_ablation(const EvaluateOptions& options) {
+  const CampaignWish& wish = options.wish;
+  const std::pair<const char*, bool> fixed[] = {
+      {"--strategy", wish.strategy != "servo"}, {"--law", !wish.law.empty()},
+      {"--board", !wish.board.empty()},         {"--corners", !wish.corners.empty()},
+      {"--method", !wish.method.empty()},       {"--start", wish.start != "scenario"},
+      {"--images", options.images != "off"},
+  };
+  for (const auto& [name, given] : fixed)
+    if (given)
+      throw Failure(ExitCode::usage, std::string(name) +
+                                         " does not go with --ablation, which goes through paths, laws, boards and " +
+                                         "(drawn) corner errors itself; leave one of the two out");
+  if (options.rigs.size() > 1) throw Failure(ExitCode::usage, "--ablation takes one --rig");
+}
+
 // The campaigns that the options ask for; more than one make a set.
 std::vector<SetMember> members_of(const EvaluateOptions& options) {
   SetWish wish;
@@ -195,11 +212,19 @@ std::vector<SetMember> members_of(const EvaluateOptions& options) {
   wish.image_runs = options.image_runs;
   wish.rigs = options.rigs;
   if (options.rigs.size() == 1) wish.common.rig = options.rigs.front();
-  if (options.ablation) return ablation_set(wish);
+  if (options.ablation) check_ablation(options);
   for (const std::string& word : options.scenarios)
     for (const std::filesystem::path& file : scenario_files(word)) wish.scenarios.push_back(file.string());
+  if (options.ablation) {
+    if (wish.scenarios.size() > 1)
+      throw Failure(ExitCode::usage, "--ablation takes one --scenario file: the world in which everything is compared");
+    return ablation_set(wish);
+  }
   const bool both = options.wish.strategy == "both";
-  if (both && wish.scenarios.empty()) wish.scenarios = {scenario_files("all").front().parent_path() / "default.yaml"};
+  // The straight start beside it, without which the path's gain and the loop's cannot be told apart.
+  if (both && wish.scenarios.empty())
+    for (const char* name : {"default.yaml", "straight_start.yaml"})
+      wish.scenarios.push_back(scenario_files("all").front().parent_path() / name);
   const bool one_campaign = !both && wish.scenarios.size() <= 1 && options.rigs.size() <= 1;
   if (options.images == "both" && !one_campaign)
     throw Failure(ExitCode::usage,
@@ -267,8 +292,10 @@ void add_evaluate(CLI::App& program, Action& action) {
       ->capture_default_str();
   verb->add_option("--scenario", options->scenarios,
                    "the world: files (YAML, see data/scenarios), folders of them, or all: those that are shipped");
-  verb->add_option("--start", wish.start, "where it begins: as the scenario says, or as the paper did")
-      ->check(CLI::IsMember({"scenario", "paper"}))
+  verb->add_option("--start", wish.start,
+                   "where it begins: as the scenario says; paper: as the paper did, 3.45 m and 26 degrees; straight: "
+                   "3.45 m and 5 degrees")
+      ->check(CLI::IsMember({"scenario", "paper", "straight"}))
       ->capture_default_str();
   verb->add_option("--config", wish.config, "what the robot knows (YAML, see `dock --write-config`)");
   verb->add_option("--rig", options->rigs, "default, five_megapixel or files; overrides the configuration's");
@@ -280,7 +307,8 @@ void add_evaluate(CLI::App& program, Action& action) {
                    "without images: errors of a corner method, paper, poor, or a file of `evaluate corner-errors`");
   verb->add_option("--law", wish.law, "of the last phase: line, or ViSP's centering")
       ->check(CLI::IsMember({"line", "centering"}));
-  verb->add_flag("--ablation", options->ablation, "path x law x board x corners, on the same seeds");
+  verb->add_flag("--ablation", options->ablation,
+                 "path x law x board x corners on the same seeds, in one world (--scenario)");
   verb->add_option("--teach", options->teach,
                    "on: the robot was put at the dock once and keeps what it saw there; off: it believes the nominal "
                    "docking pose, and what calibration and survey leave stays in the error")
@@ -301,6 +329,10 @@ void add_evaluate(CLI::App& program, Action& action) {
   verb->add_option("--join", options->join, "folders of shards: joined into --output");
   verb->add_option("--output", options->output, "folder for runs.csv, summary.json, report.html, campaign.yaml");
   verb->add_flag("--json", options->json, "the summary as JSON on stdout");
+  add_step_response(*verb, action);
+  add_paper_tables(*verb, action);
+  add_measurements(*verb, action);
+  // After the subcommands, which would inherit it.
   verb->footer(
       "A campaign that was stopped goes on when the same command is given again. Several strategies, scenarios or "
       "rigs\n"
@@ -314,9 +346,6 @@ void add_evaluate(CLI::App& program, Action& action) {
       "  tagdock evaluate --runs 200 --ablation --output ablation\n"
       "  tagdock evaluate --runs 20 --images on --output seen\n"
       "  tagdock evaluate --runs 100 --images both --output agreement");
-  add_step_response(*verb, action);
-  add_paper_tables(*verb, action);
-  add_measurements(*verb, action);
   verb->callback([options, verb, &action] {
     if (!verb->get_subcommands().empty()) return;  // it has an action of its own
     action = [options] { return evaluate_campaign(*options); };

@@ -707,3 +707,50 @@ TEST_CASE("the simulated camera refuses what it cannot do", "[quick]") {
   CHECK(short_one.code == 0);
   CHECK_THAT(short_one.out, Contains("127.0.0.9"));
 }
+
+TEST_CASE("an evaluation that cannot be meant is refused, and says what would be right", "[quick][evaluate]") {
+  const Scratch scratch;
+  const auto refused = [&](const std::string& arguments, const std::string& sentence) {
+    const Run one = run(scratch, "evaluate " + arguments + " --output " + scratch.path("results"));
+    CAPTURE(arguments);
+    CHECK(one.code == 2);
+    CHECK_THAT(one.err, Contains("tagdock: ") && Contains(sentence));
+    CHECK_FALSE(std::filesystem::exists(scratch.folder / "results"));
+  };
+  refused("--runs 0", "--runs");
+  refused("--shard 4/4", "0 to n - 1");
+  refused("--strategy best", "--strategy");
+  refused("--ablation --law line", "--law does not go with --ablation");
+  refused("--ablation --images on", "--images does not go with --ablation");
+  refused("--ablation --scenario data/scenarios", "takes one --scenario file");
+  // A file that is not there is named, also together with --ablation.
+  refused("--ablation --scenario nowhere.yaml", "nowhere.yaml");
+}
+
+TEST_CASE("a measurement's help is its own, not the campaign's", "[quick][evaluate]") {
+  const Scratch scratch;
+  for (const char* verb :
+       {"step-response", "paper-table1", "paper-table2", "corner-errors", "accuracy-map", "tracked"}) {
+    CAPTURE(verb);
+    const Run one = run(scratch, std::string("evaluate ") + verb + " --help");
+    CHECK(one.code == 0);
+    CHECK_THAT(one.out, !Contains("A campaign that was stopped"));
+  }
+  CHECK_THAT(run(scratch, "evaluate --help").out, Contains("A campaign that was stopped"));
+}
+
+TEST_CASE("an ablation compares in the world it is given, from both starts", "[evaluate]") {
+  const Scratch scratch;
+  const std::string folder = scratch.path("ablation");
+  const Run one =
+      run(scratch,
+          "evaluate --ablation --runs 1 --json --scenario data/scenarios/castor_scrub_1.5.yaml --output " + folder);
+  CHECK(one.code == 0);
+  const auto json = nlohmann::json::parse(one.out);
+  CHECK(json.at("campaigns").size() == 150);  // 2 paths, 3 laws, 5 boards, 5 corners
+  for (const char* path : {"paper", "straight"}) {
+    const auto& campaign = json.at("campaigns").at(std::string(path) + "_start-line-v_convex_centre-best");
+    CHECK(campaign.at("scenario") == "castor_scrub_1.5");
+    CHECK(campaign.at("start") == path);
+  }
+}
