@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "app/campaign.h"
+#include "app/campaign_join.h"
 #include "app/campaign_settings.h"
 #include "app/evaluation_report.h"
 
@@ -25,6 +26,9 @@ struct SetResult {
   std::vector<RunRecord> records;
   Evaluation evaluation;
   std::vector<RunTrace> traces;
+  CampaignShare share;               ///< that was run; of joined ones the default, which is all
+  std::vector<std::string> missing;  ///< of a join of a part, as JoinedCampaign has it
+  int wanted = 0;                    ///< runs of the whole campaign; 0 where nobody knows
 
   /// As `campaign_value`.
   [[nodiscard]] std::string value(const std::string& key) const { return campaign_value(campaign, key); }
@@ -60,6 +64,7 @@ std::vector<SetResult> run_set(const std::vector<SetMember>& members, const Camp
 bool is_set(const std::filesystem::path& folder);
 
 /// Joins shards of a set, member by member. Throws Failure(usage) as join_campaigns, or where members differ.
-std::vector<SetResult> join_sets(const std::vector<std::filesystem::path>& shards, const std::filesystem::path& folder);
+std::vector<SetResult> join_sets(const std::vector<std::filesystem::path>& shards, const std::filesystem::path& folder,
+                                 const JoinWish& wish = {});
 
 }  // namespace tagdock

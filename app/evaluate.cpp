@@ -7,7 +7,6 @@
 #include <fstream>
 #include <iostream>
 #include <optional>
-#include <sstream>
 #include <thread>
 #include <unistd.h>
 
@@ -41,16 +40,11 @@ struct EvaluateOptions {
   int jobs = 0;
   std::string shard;
   std::vector<std::string> join;
+  bool partial = false;
+  bool runs_given = false;
   std::string output;
   bool json = false;
 };
-
-std::string contents(const std::filesystem::path& file) {
-  std::ifstream stream(file, std::ios::binary);
-  std::ostringstream text;
-  text << stream.rdbuf();
-  return text.str();
-}
 
 void write(const std::filesystem::path& file, const std::string& text) {
   std::ofstream stream(file, std::ios::binary);
@@ -113,22 +107,22 @@ RunSettings settings_told(const std::string& campaign) {
 }
 
 // Writes the results of one campaign beside its runs.
-nlohmann::ordered_json write_results(const std::filesystem::path& folder, const std::string& campaign,
-                                     const std::vector<RunRecord>& records, const Evaluation& evaluation) {
-  const RunSettings settings = settings_told(campaign);
-  const nlohmann::ordered_json json = to_json(evaluation, settings);
+nlohmann::ordered_json write_results(const std::filesystem::path& folder, const SetResult& result) {
+  const RunSettings settings = settings_told(result.campaign);
+  nlohmann::ordered_json json = to_json(result.evaluation, settings);
+  if (const nlohmann::ordered_json part = json_of_part(result); !part.is_null()) json["partial"] = part;
   write(folder / "summary.json", json.dump(2) + "\n");
   FigureData data;
   data.name = settings.strategy == Strategy::servo ? "servo" : "paper's strategy";
   data.style = settings.strategy == Strategy::servo ? "#2b6cb0" : "#c53030";
-  data.records = records;
-  data.traces = read_traces(folder);
-  data.focal_length_px = std::atof(campaign_value(campaign, "focal_length_px").c_str());
+  data.records = result.records;
+  data.traces = result.traces;
+  data.focal_length_px = std::atof(campaign_value(result.campaign, "focal_length_px").c_str());
   write(folder / "report.html",
-        to_html(evaluation, data,
+        to_html(result.evaluation, data,
                 std::string("tagdock evaluate: ") + (settings.strategy == Strategy::servo ? "servo" : "paper") +
                     ", scenario " + settings.scenario.name,
-                campaign));
+                result.campaign, html_of_part({result})));
   return json;
 }
 
@@ -144,8 +138,7 @@ void write_set(const EvaluateOptions& options, const std::vector<SetResult>& res
   nlohmann::ordered_json all;
   all["schema"] = "tagdock-evaluation-set/1";
   for (const SetResult& result : results) {
-    nlohmann::ordered_json one =
-        write_results(folder / result.name, result.campaign, result.records, result.evaluation);
+    nlohmann::ordered_json one = write_results(folder / result.name, result);
     one.erase("schema");
     all["campaigns"][result.name] = std::move(one);
   }
@@ -164,6 +157,11 @@ void write_set(const EvaluateOptions& options, const std::vector<SetResult>& res
   std::cout << (options.json ? all.dump(2) + "\n" : words);
 }
 
+void write_one(const EvaluateOptions& options, const SetResult& result) {
+  const nlohmann::ordered_json json = write_results(options.output, result);
+  std::cout << (options.json ? json.dump(2) + "\n" : summary(result.evaluation));
+}
+
 // CPU time of this process.
 double cpu_seconds() {
   timespec time{};
@@ -173,15 +171,31 @@ double cpu_seconds() {
 
 int join(const EvaluateOptions& options) {
   const std::vector<std::filesystem::path> folders(options.join.begin(), options.join.end());
+  for (const std::filesystem::path& folder : folders)
+    if (!std::filesystem::is_directory(folder))
+      throw Failure(ExitCode::usage, "--join " + folder.string() + ": is no folder; it takes those of shards");
+  JoinWish wish;
+  wish.partial = options.partial;
+  wish.image_runs = options.image_runs;
+  if (options.runs_given) {
+    wish.told.emplace();
+    wish.told->first_seed = options.seed;
+    wish.told->runs = options.runs;
+  }
+  const auto warn = [](const std::vector<std::string>& missing) {
+    for (const std::string& one : missing) std::cerr << "tagdock: partial: " << one << "\n";
+  };
   if (is_set(folders.front())) {
-    write_set(options, join_sets(folders, options.output));
+    const std::vector<SetResult> results = join_sets(folders, options.output, wish);
+    for (const SetResult& result : results) warn(result.missing);
+    write_set(options, results);
     return static_cast<int>(ExitCode::done);
   }
-  const std::vector<RunRecord> records = join_campaigns(folders, options.output);
-  const Evaluation evaluation = evaluate(records);
-  const std::string campaign = contents(std::filesystem::path(options.output) / "campaign.yaml");
-  const nlohmann::ordered_json json = write_results(options.output, campaign, records, evaluation);
-  std::cout << (options.json ? json.dump(2) + "\n" : summary(evaluation));
+  JoinedCampaign joined = join_campaigns(folders, options.output, wish);
+  warn(joined.missing);
+  SetResult result{"", joined.campaign, joined.records, evaluate(joined.records), read_traces(options.output),
+                   {}, joined.missing,  joined.wanted};
+  write_one(options, result);
   return static_cast<int>(ExitCode::done);
 }
 
@@ -247,6 +261,7 @@ std::vector<SetMember> members_of(const EvaluateOptions& options) {
 int evaluate_campaign(const EvaluateOptions& options) {
   if (options.output.empty()) throw Failure(ExitCode::usage, "--output DIR is missing: where the results go");
   if (!options.join.empty()) return join(options);
+  if (options.partial) throw Failure(ExitCode::usage, "--partial goes with --join");
   const std::vector<SetMember> members = members_of(options);
   const CampaignShare share = share_of(options);
   const bool alone = members.size() == 1 && members.front().name.empty();
@@ -271,9 +286,7 @@ int evaluate_campaign(const EvaluateOptions& options) {
     write_set(options, results);
     return static_cast<int>(ExitCode::done);
   }
-  const SetResult& only = results.front();
-  const nlohmann::ordered_json json = write_results(options.output, only.campaign, only.records, only.evaluation);
-  std::cout << (options.json ? json.dump(2) + "\n" : summary(only.evaluation));
+  write_one(options, results.front());
   return static_cast<int>(ExitCode::done);
 }
 
@@ -326,7 +339,9 @@ void add_evaluate(CLI::App& program, Action& action) {
       ->capture_default_str();
   verb->add_option("--jobs", options->jobs, "runs at a time; 0: one a core")->check(CLI::Range(0, 1024));
   verb->add_option("--shard", options->shard, "i/n: only every n-th run, from i (0 to n - 1)");
-  verb->add_option("--join", options->join, "folders of shards: joined into --output");
+  verb->add_option("--join", options->join,
+                   "folders of shards: joined into --output; refused, with what is missing, if runs are");
+  verb->add_flag("--partial", options->partial, "with --join: also where runs are missing; the report says which");
   verb->add_option("--output", options->output, "folder for runs.csv, summary.json, report.html, campaign.yaml");
   verb->add_flag("--json", options->json, "the summary as JSON on stdout");
   add_step_response(*verb, action);
@@ -348,6 +363,7 @@ void add_evaluate(CLI::App& program, Action& action) {
       "  tagdock evaluate --runs 100 --images both --output agreement");
   verb->callback([options, verb, &action] {
     if (!verb->get_subcommands().empty()) return;  // it has an action of its own
+    options->runs_given = verb->count("--runs") > 0;
     action = [options] { return evaluate_campaign(*options); };
   });
 }

@@ -253,9 +253,9 @@ std::string html_row(const Evaluation& evaluation, const std::string& name) {
 }
 
 std::string to_html(const Evaluation& evaluation, const FigureData& data, const std::string& title,
-                    const std::string& campaign) {
+                    const std::string& campaign, const std::string& first) {
   char row[512];
-  std::string html = html_head(title);
+  std::string html = html_head(title) + first;
   std::snprintf(row, sizeof row,
                 "<p>%d runs. Errors are of the camera point and heading against the docking pose, as the "
                 "simulator knows them; x is towards the wall (minus the paper's z).</p>\n",

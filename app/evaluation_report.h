@@ -64,7 +64,8 @@ std::string html_against_others(const std::string& rows);
 std::string html_row(const Evaluation& evaluation, const std::string& name);
 
 /// report.html: figures as the paper's 8, 9 and 10, tables against the paper and MiR, limits. One file, no scripts.
+/// @param first  stands before everything else, as HTML
 std::string to_html(const Evaluation& evaluation, const FigureData& data, const std::string& title,
-                    const std::string& campaign);
+                    const std::string& campaign, const std::string& first = "");
 
 }  // namespace tagdock

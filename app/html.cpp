@@ -9,7 +9,8 @@ std::string html_head(const std::string& title) {
          "vertical-align:top}th{background:#eef2f7}td.number{text-align:right;white-space:nowrap}"
          "small{color:#666;white-space:nowrap}svg{display:block;width:100%;height:auto;margin:1em 0}"
          "pre{background:#f5f5f5;padding:1em;overflow:auto;max-height:30em}tr.met td{background:#eef7ee}"
-         "tr.missed td{background:#fbeeee}</style></head><body>\n<h1>" +
+         "tr.missed td{background:#fbeeee}.partial{background:#fff3cd;border-left:8px solid #b7791f;padding:.6em 1em}"
+         "</style></head><body>\n<h1>" +
          html_text(title) + "</h1>\n";
 }
 

@@ -197,8 +197,45 @@ std::string set_summary(const std::vector<SetResult>& results) {
   return text;
 }
 
+std::string html_of_part(const std::vector<SetResult>& results) {
+  int have = 0;
+  int wanted = 0;
+  bool known = true;
+  std::vector<std::string> sentences;
+  std::string shard;
+  for (const SetResult& result : results) {
+    have += result.evaluation.runs;
+    wanted += result.wanted;
+    known = known && result.wanted > 0;
+    sentences.insert(sentences.end(), result.missing.begin(), result.missing.end());
+    if (result.share.shards > 1)
+      shard = print("shard %d of %d (counted from 0)", result.share.shard, result.share.shards);
+  }
+  if (sentences.empty() && shard.empty()) return "";
+  std::string html = "<div class=\"partial\"><b>Partial: " + std::to_string(have) + " of " +
+                     (known ? std::to_string(wanted) : std::string("an unknown number of")) + " runs.</b> ";
+  html += shard.empty() ? "Joined although runs are missing; the figures are of those that are there."
+                        : "This is " + shard + "; join it with the others by <code>tagdock evaluate --join</code>.";
+  if (!sentences.empty()) html += "<ul>";
+  constexpr std::size_t most = 20;
+  for (std::size_t i = 0; i < std::min(most, sentences.size()); ++i) html += "<li>" + html_text(sentences[i]) + "</li>";
+  if (sentences.size() > most) html += print("<li>and %zu more</li>", sentences.size() - most);
+  return html + (sentences.empty() ? "</div>\n" : "</ul></div>\n");
+}
+
+nlohmann::ordered_json json_of_part(const SetResult& result) {
+  if (result.missing.empty() && result.share.shards <= 1) return nullptr;
+  nlohmann::ordered_json json;
+  json["runs"] = result.evaluation.runs;
+  json["of"] = result.wanted > 0 ? nlohmann::ordered_json(result.wanted) : nlohmann::ordered_json(nullptr);
+  if (result.share.shards > 1)
+    json["shard"] = std::to_string(result.share.shard) + "/" + std::to_string(result.share.shards);
+  if (!result.missing.empty()) json["missing"] = result.missing;
+  return json;
+}
+
 std::string set_to_html(const std::vector<SetResult>& results) {
-  std::string html = html_head("tagdock evaluate");
+  std::string html = html_head("tagdock evaluate") + html_of_part(results);
   html +=
       "<p>Errors are of the camera point and heading against the docking pose, as the simulator knows them; x is "
       "towards "

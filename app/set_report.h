@@ -3,12 +3,19 @@
 #include <string>
 #include <vector>
 
+#include <nlohmann/json.hpp>
+
 #include "app/campaign_set.h"
 
 namespace tagdock {
 
 /// A line for each campaign of a set, for people.
 std::string set_summary(const std::vector<SetResult>& results);
+
+/// What a reader must know first where a report is not of whole campaigns: one shard, or a join of a part. Empty, null
+/// for whole ones.
+std::string html_of_part(const std::vector<SetResult>& results);
+nlohmann::ordered_json json_of_part(const SetResult& result);
 
 /// report.html of a set: one file, no scripts.
 std::string set_to_html(const std::vector<SetResult>& results);

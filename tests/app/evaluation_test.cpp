@@ -148,6 +148,66 @@ TEST_CASE("shards joined are the campaign that one machine would have run, sets 
   // The paper's strategy starts where the paper did, also in a scenario of another start.
   CHECK(campaign_value(whole[2].campaign, "start") == "paper");
   CHECK(whole[2].records.front().duration_s > 17.0);
+  CHECK(set_to_html(joined) == set_to_html(whole));
+}
+
+TEST_CASE("a join that lacks runs says which, and is a part only where that is wished") {
+  const Folder folder;
+  const RunSettings paper = settings("paper");
+  run(paper, 7, folder / "0", 0, 3);  // seeds 1, 4, 7
+  run(paper, 7, folder / "1", 1, 3);  // seeds 2, 5
+  run(paper, 7, folder / "2", 2, 3);  // seeds 3, 6
+  CHECK(join_campaigns({folder / "0", folder / "1", folder / "2"}, folder / "all").missing.empty());
+  // What was joined may be joined again.
+  CHECK(join_campaigns({folder / "all"}, folder / "again").records.size() == 7);
+
+  CHECK_THROWS_WITH(join_campaigns({folder / "0"}, folder / "x"),
+                    Contains("shard 1/3 is in none of the folders: 2 runs: seeds 2, 5") &&
+                        Contains("shard 2/3 is in none of the folders: 2 runs: seeds 3, 6"));
+  CHECK_FALSE(std::filesystem::exists(folder / "x"));
+  const JoinedCampaign part = join_campaigns({folder / "0"}, folder / "part", {{}, 20, true});
+  CHECK(part.records.size() == 3);
+  CHECK(part.wanted == 7);
+  CHECK(part.missing.size() == 2);
+  CHECK_THROWS_WITH(join_campaigns({folder / "part"}, folder / "x"), Contains("shard 1/3"));
+
+  // A shard that was stopped in the middle.
+  write_runs(folder / "1", {read_runs(folder / "1" / "runs.csv").front()});
+  CHECK_THROWS_WITH(join_campaigns({folder / "0", folder / "1", folder / "2"}, folder / "x"),
+                    Contains("1 (shard 1/3) lacks 1 run: seed 5"));
+
+  // A folder of an earlier version does not say what it should have; a person may.
+  std::filesystem::remove(folder / "0" / "share.yaml");
+  CHECK_THROWS_WITH(join_campaigns({folder / "0"}, folder / "x"), Contains("share.yaml is missing"));
+  CampaignShare told;
+  told.runs = 7;
+  CHECK_THROWS_WITH(join_campaigns({folder / "0"}, folder / "x", {told, 20, false}),
+                    Contains("none of the folders has 4 runs: seeds 2, 3, 5, 6"));
+  told.runs = 1;
+  CHECK(join_campaigns({folder / "0"}, folder / "y", {told, 20, false}).missing.empty());
+}
+
+TEST_CASE("a set that was stopped before its last campaign is not whole") {
+  const Folder folder;
+  SetWish wish;
+  wish.strategies = {"paper"};
+  wish.scenarios = {"data/scenarios/default.yaml", "data/scenarios/frames_lost.yaml"};
+  wish.runs = 2;
+  run_set(scenario_set(wish), {}, folder / "set", [](int, int) {});
+  std::filesystem::remove_all(folder / "set" / "frames_lost-paper");
+  CHECK_THROWS_WITH(join_sets({folder / "set"}, folder / "x"), Contains("frames_lost-paper was not begun"));
+  CHECK_FALSE(std::filesystem::exists(folder / "x"));
+  const std::vector<SetResult> part = join_sets({folder / "set"}, folder / "part", {{}, 20, true});
+  CHECK(part.size() == 1);
+}
+
+TEST_CASE("a folder's runs are not lost to a command that asks for others") {
+  const Folder folder;
+  const RunSettings paper = settings("paper");
+  run(paper, 4, folder / "runs", 0, 2);
+  CHECK_THROWS_WITH(run(paper, 4, folder / "runs", 1, 2), Contains("seed 1") && Contains("another --output"));
+  CHECK_THROWS_WITH(run(paper, 1, folder / "runs", 0, 1), Contains("seed 3"));
+  CHECK(run(paper, 5, folder / "runs").size() == 5);
 }
 
 TEST_CASE("a sighting is found from the corners: what the robot expected, right or wrong, does not move it") {
