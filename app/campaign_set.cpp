@@ -192,6 +192,7 @@ std::vector<SetResult> join_sets(const std::vector<std::filesystem::path>& shard
       if (told && campaign_value(contents(parts.front() / campaign_file), "images") == "on")
         told->runs = std::min(told->runs, wish.image_runs);
       joined = gather(parts, told);
+      for (std::string& sentence : joined.missing) sentence.insert(0, name + ": ");
     }
     joined.missing.insert(joined.missing.begin(), lacking.begin(), lacking.end());
     missing.insert(missing.end(), joined.missing.begin(), joined.missing.end());

@@ -13,6 +13,7 @@
 #include "app/campaign_agreement.h"
 #include "app/campaign_set.h"
 #include "app/evaluate_measurements.h"
+#include "app/evaluation_limits.h"
 #include "app/evaluation_report.h"
 #include "app/failure.h"
 #include "app/paper_tables.h"
@@ -118,11 +119,13 @@ nlohmann::ordered_json write_results(const std::filesystem::path& folder, const 
   data.records = result.records;
   data.traces = result.traces;
   data.focal_length_px = std::atof(campaign_value(result.campaign, "focal_length_px").c_str());
-  write(folder / "report.html",
-        to_html(result.evaluation, data,
-                std::string("tagdock evaluate: ") + (settings.strategy == Strategy::servo ? "servo" : "paper") +
-                    ", scenario " + settings.scenario.name,
-                result.campaign, html_of_part({result})));
+  CampaignPage page;
+  page.title = std::string("tagdock evaluate: ") + (settings.strategy == Strategy::servo ? "servo" : "paper") +
+               ", scenario " + settings.scenario.name;
+  page.campaign = result.campaign;
+  page.first = html_of_part({result});
+  page.limits = html_limits(evidence_of({result}));
+  write(folder / "report.html", to_html(result.evaluation, data, page));
   return json;
 }
 

@@ -6,6 +6,7 @@
 #include <nlohmann/json.hpp>
 
 #include "app/campaign_set.h"
+#include "app/evaluation_limits.h"
 
 namespace tagdock {
 
@@ -16,6 +17,9 @@ std::string set_summary(const std::vector<SetResult>& results);
 /// for whole ones.
 std::string html_of_part(const std::vector<SetResult>& results);
 nlohmann::ordered_json json_of_part(const SetResult& result);
+
+/// Which of the campaigns give the limits their figures; those of another name or none stay out.
+LimitEvidence evidence_of(const std::vector<SetResult>& results);
 
 /// report.html of a set: one file, no scripts.
 std::string set_to_html(const std::vector<SetResult>& results);
