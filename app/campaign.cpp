@@ -14,6 +14,7 @@
 #include <thread>
 #include <unistd.h>
 
+#include "app/distance_looks.h"
 #include "app/failure.h"
 
 namespace tagdock {
@@ -168,7 +169,9 @@ std::vector<CampaignShare> read_shares(const std::filesystem::path& folder) {
 
 std::string runs_header() {
   return "seed,scenario,result,reason,true_x,true_y,true_yaw,estimated_x,estimated_y,estimated_yaw,duration_s,attempts,"
-         "stop_latency_ms,sigma_x,sigma_y,sigma_yaw,fault,fault_to_zero_ms,fault_to_stand_ms";
+         "stop_latency_ms,sigma_x,sigma_y,sigma_yaw,fault,fault_to_zero_ms,fault_to_stand_ms,start_x,start_y,start_yaw,"
+         "start_seen_x,"
+         "start_seen_y,start_seen_yaw";
 }
 
 std::string line(const RunRecord& record) {
@@ -176,7 +179,9 @@ std::string line(const RunRecord& record) {
          pose_fields(record.true_error) + pose_fields(record.estimated) + "," + digits(record.duration_s) + "," +
          std::to_string(record.attempts) + "," + digits(record.stop_latency_ms) + pose_fields(record.sigma) + "," +
          record.fault + "," + (record.fault_to_zero_ms ? digits(*record.fault_to_zero_ms) : "") + "," +
-         (record.fault_to_stand_ms ? digits(*record.fault_to_stand_ms) : "");
+         (record.fault_to_stand_ms ? digits(*record.fault_to_stand_ms) : "") +
+         pose_fields(record.start ? std::optional(record.start->truth) : std::nullopt) +
+         pose_fields(record.start ? std::optional(record.start->seen) : std::nullopt);
 }
 
 std::vector<RunRecord> read_runs(const std::filesystem::path& file) {
@@ -208,6 +213,7 @@ std::vector<RunRecord> read_runs(const std::filesystem::path& file) {
     record.fault = reader.optional_word(16);
     record.fault_to_zero_ms = reader.optional_number(17);
     record.fault_to_stand_ms = reader.optional_number(18);
+    if (const auto truth = reader.pose(19), seen = reader.pose(22); truth && seen) record.start = {*truth, *seen};
     records.push_back(std::move(record));
   }
   return records;
@@ -281,7 +287,8 @@ std::vector<RunRecord> run_campaign(const RunSettings& settings, const CampaignS
       try {
         const bool traced = missing[i] - share.first_seed < traced_runs;
         RunTrace trace;
-        RunRecord record = run_once(settings, missing[i], traced ? &trace : nullptr);
+        RunRecord record = run_once(settings, missing[i], &trace);
+        record.start = start_look(trace);
         const std::lock_guard lock(mutex);
         if (traced) write_trace(folder / traces_folder / (std::to_string(missing[i]) + ".csv"), trace);
         stream << line(record) << "\n" << std::flush;
@@ -306,6 +313,10 @@ std::vector<RunRecord> run_campaign(const RunSettings& settings, const CampaignS
   for (auto& [seed, record] : done) records.push_back(std::move(record));
   stream.close();
   write_runs(folder, records);
+  // A campaign's first shard keeps them for all; an ablation's figures are others.
+  const std::filesystem::path looks = folder / looks_file;
+  if (share.shard == 0 && !settings.limits_lifted && !std::filesystem::exists(looks))
+    write_looks(looks, looks_over_distance(settings, share.first_seed));
   return records;
 }
 

@@ -52,6 +52,9 @@ std::vector<RunRecord> run_campaign(const RunSettings& settings, const CampaignS
                                     const std::filesystem::path& folder,
                                     const std::function<void(int done, int wanted)>& progress);
 
+/// In a campaign's folder: what single frames say over distance (read_looks), for the report's figures.
+constexpr const char* looks_file = "looks.csv";
+
 /// The ways of the first runs of a campaign, which its folder keeps for the report's figures.
 constexpr std::uint64_t traced_runs = 20;
 std::vector<RunTrace> read_traces(const std::filesystem::path& folder);

@@ -127,6 +127,7 @@ JoinedCampaign gather(const std::vector<std::filesystem::path>& shards, const st
         throw Failure(ExitCode::usage, (shard / runs_file).string() + ": seed " + std::to_string(record.seed) +
                                            " has another outcome than in an earlier folder");
     }
+    if (result.looks.empty() && std::filesystem::exists(shard / looks_file)) result.looks = shard / looks_file;
     if (std::filesystem::is_directory(shard / traces_folder))
       for (const auto& trace : std::filesystem::directory_iterator(shard / traces_folder))
         result.traces.push_back(trace.path());
@@ -153,12 +154,13 @@ void write_joined(const JoinedCampaign& joined, const std::filesystem::path& fol
   std::ofstream stream(folder / campaign_file, std::ios::binary);
   stream << joined.campaign << std::flush;
   if (!stream) throw Failure(ExitCode::usage, (folder / campaign_file).string() + ": cannot be written");
-  for (const std::filesystem::path& trace : joined.traces) {
-    const std::filesystem::path place = folder / traces_folder / trace.filename();
+  const auto copy = [](const std::filesystem::path& from, const std::filesystem::path& to) {
     std::error_code none;
-    if (!std::filesystem::equivalent(trace, place, none))
-      std::filesystem::copy_file(trace, place, std::filesystem::copy_options::overwrite_existing);
-  }
+    if (!std::filesystem::equivalent(from, to, none))
+      std::filesystem::copy_file(from, to, std::filesystem::copy_options::overwrite_existing);
+  };
+  for (const std::filesystem::path& trace : joined.traces) copy(trace, folder / traces_folder / trace.filename());
+  if (!joined.looks.empty()) copy(joined.looks, folder / looks_file);
   write_runs(folder, joined.records);
   if (!joined.shares.empty()) write_shares(folder, joined.shares);
 }

@@ -26,6 +26,7 @@ struct JoinedCampaign {
   std::vector<std::string> missing;
   std::vector<CampaignShare> shares;
   std::vector<std::filesystem::path> traces;  ///< files
+  std::filesystem::path looks;                ///< file; empty where no shard has it
 };
 
 /// Seeds for people: "1, 4, 7" or, where there are more, the first, the last and how many.

@@ -144,14 +144,15 @@ std::vector<SetResult> run_set(const std::vector<SetMember>& members, const Camp
                                                   [&](int done, int) { progress(before + done, wanted); });
     before += wanted_here(member);
     Evaluation evaluation = evaluate(records);
-    results.push_back({member.name,
-                       campaign_text(member.settings),
-                       std::move(records),
-                       std::move(evaluation),
-                       read_traces(folder / member.name),
-                       own,
-                       {},
-                       member.runs});
+    results.push_back({.name = member.name,
+                       .campaign = campaign_text(member.settings),
+                       .records = std::move(records),
+                       .evaluation = std::move(evaluation),
+                       .traces = read_traces(folder / member.name),
+                       .looks = read_looks(folder / member.name / looks_file),
+                       .share = own,
+                       .missing = {},
+                       .wanted = member.runs});
   }
   return results;
 }
@@ -205,14 +206,15 @@ std::vector<SetResult> join_sets(const std::vector<std::filesystem::path>& shard
     if (joined.records.empty()) continue;  // what never ran has no figures
     write_joined(joined, folder / name);
     Evaluation evaluation = evaluate(joined.records);
-    results.push_back({name,
-                       std::move(joined.campaign),
-                       std::move(joined.records),
-                       std::move(evaluation),
-                       read_traces(folder / name),
-                       {},
-                       std::move(joined.missing),
-                       joined.wanted});
+    results.push_back({.name = name,
+                       .campaign = std::move(joined.campaign),
+                       .records = std::move(joined.records),
+                       .evaluation = std::move(evaluation),
+                       .traces = read_traces(folder / name),
+                       .looks = read_looks(folder / name / looks_file),
+                       .share = {},
+                       .missing = std::move(joined.missing),
+                       .wanted = joined.wanted});
   }
   if (results.empty()) throw Failure(ExitCode::usage, shards.front().string() + ": has no runs");
   return results;

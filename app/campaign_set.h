@@ -8,6 +8,7 @@
 #include "app/campaign.h"
 #include "app/campaign_join.h"
 #include "app/campaign_settings.h"
+#include "app/distance_looks.h"
 #include "app/evaluation_report.h"
 
 namespace tagdock {
@@ -26,6 +27,7 @@ struct SetResult {
   std::vector<RunRecord> records;
   Evaluation evaluation;
   std::vector<RunTrace> traces;
+  std::vector<DistanceLook> looks;
   CampaignShare share;               ///< that was run; of joined ones the default, which is all
   std::vector<std::string> missing;  ///< of a join of a part, as JoinedCampaign has it
   int wanted = 0;                    ///< runs of the whole campaign; 0 where nobody knows

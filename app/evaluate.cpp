@@ -113,12 +113,8 @@ nlohmann::ordered_json write_results(const std::filesystem::path& folder, const 
   nlohmann::ordered_json json = to_json(result.evaluation, settings);
   if (const nlohmann::ordered_json part = json_of_part(result); !part.is_null()) json["partial"] = part;
   write(folder / "summary.json", json.dump(2) + "\n");
-  FigureData data;
-  data.name = settings.strategy == Strategy::servo ? "servo" : "paper's strategy";
-  data.style = settings.strategy == Strategy::servo ? "#2b6cb0" : "#c53030";
-  data.records = result.records;
-  data.traces = result.traces;
-  data.focal_length_px = std::atof(campaign_value(result.campaign, "focal_length_px").c_str());
+  const FigureData data = settings.strategy == Strategy::servo ? figure_data(result, "servo", "#2b6cb0")
+                                                               : figure_data(result, "paper's strategy", "#c53030");
   CampaignPage page;
   page.title = std::string("tagdock evaluate: ") + (settings.strategy == Strategy::servo ? "servo" : "paper") +
                ", scenario " + settings.scenario.name;
@@ -196,8 +192,15 @@ int join(const EvaluateOptions& options) {
   }
   JoinedCampaign joined = join_campaigns(folders, options.output, wish);
   warn(joined.missing);
-  SetResult result{"", joined.campaign, joined.records, evaluate(joined.records), read_traces(options.output),
-                   {}, joined.missing,  joined.wanted};
+  const SetResult result{.name = "",
+                         .campaign = joined.campaign,
+                         .records = joined.records,
+                         .evaluation = evaluate(joined.records),
+                         .traces = read_traces(options.output),
+                         .looks = read_looks(std::filesystem::path(options.output) / looks_file),
+                         .share = {},
+                         .missing = joined.missing,
+                         .wanted = joined.wanted};
   write_one(options, result);
   return static_cast<int>(ExitCode::done);
 }

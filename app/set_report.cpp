@@ -45,10 +45,6 @@ const SetResult* find(const std::vector<SetResult>& results, const std::string& 
   return found == results.end() ? nullptr : &*found;
 }
 
-FigureData figure_data(const SetResult& result, const std::string& name, const std::string& colour) {
-  return {name, colour, result.records, result.traces, std::atof(result.value("focal_length_px").c_str()), 0.16};
-}
-
 // The campaigns that tell apart what the path, the board and the loop give: all from one scenario but for the start.
 struct Steps {
   const SetResult* paper = nullptr;      ///< its own start, open loop, one flat tag
@@ -203,6 +199,17 @@ std::string set_summary(const std::vector<SetResult>& results) {
   return text;
 }
 
+FigureData figure_data(const SetResult& result, const std::string& name, const std::string& colour) {
+  FigureData data;
+  data.name = name;
+  data.style = colour;
+  data.records = result.records;
+  data.traces = result.traces;
+  data.looks = result.looks;
+  data.focal_length_px = std::atof(result.value("focal_length_px").c_str());
+  return data;
+}
+
 LimitEvidence evidence_of(const std::vector<SetResult>& results) {
   LimitEvidence evidence;
   const auto figures = [](const SetResult* one) { return one == nullptr ? nullptr : &one->evaluation; };
@@ -292,8 +299,7 @@ std::string set_to_html(const std::vector<SetResult>& results) {
   if (paper != nullptr && servo != nullptr) {
     html +=
         "<h2>The paper's figures made anew</h2>\n<p>Figure 5 is without slip, so that what is seen is the "
-        "controller's. Figure 8's sightings have drawn corner errors unless the campaign had images; the paper's "
-        "strategy has the corner noise that explains its pose errors, and looks only from its start.</p>\n";
+        "controller's.</p>\n";
     html += figure_5() + figure_8(data) + figure_9(data);
     for (const FigureData& one : data) html += figure_10_start(one);
     for (const FigureData& one : data) html += figure_10(one);

@@ -18,6 +18,9 @@ std::string set_summary(const std::vector<SetResult>& results);
 std::string html_of_part(const std::vector<SetResult>& results);
 nlohmann::ordered_json json_of_part(const SetResult& result);
 
+/// A campaign as figures take it.
+FigureData figure_data(const SetResult& result, const std::string& name, const std::string& colour);
+
 /// Which of the campaigns give the limits their figures; those of another name or none stay out.
 LimitEvidence evidence_of(const std::vector<SetResult>& results);
 

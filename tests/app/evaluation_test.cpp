@@ -1,6 +1,7 @@
 #include <cmath>
 #include <filesystem>
 #include <fstream>
+#include <map>
 #include <sstream>
 
 #include <catch2/catch.hpp>
@@ -10,6 +11,8 @@
 #include "app/campaign_agreement.h"
 #include "app/campaign_set.h"
 #include "app/corner_measurement.h"
+#include "app/distance_looks.h"
+#include "app/docking_report.h"
 #include "app/failure.h"
 #include "app/rig_file.h"
 #include "app/set_report.h"
@@ -667,6 +670,50 @@ TEST_CASE("the limits in a report have the report's own figures") {
   const double ratio = results[0].evaluation.sigma.x / 9.6e-3;
   std::snprintf(paper, sizeof paper, "sigma x %.0f %% %s", 100.0 * std::abs(ratio - 1.0), ratio < 1.0 ? "low" : "high");
   CHECK_THAT(html, Contains(paper));
+}
+
+TEST_CASE("Fig. 8 has the paper's strategy at every distance, and the errors grow with it") {
+  const Folder folder;
+  const std::vector<DistanceLook> looks = looks_over_distance(settings("paper"), 1);
+  std::map<long, std::vector<double>> errors;  // by half metres
+  for (const DistanceLook& look : looks) {
+    errors[std::lround(2.0 * look.distance)].push_back(std::abs(look.distance_error));
+    // 0.10 px of noise and 0.05 px lasting; a pose of four corners takes up six of their eight coordinates.
+    CHECK(look.reprojection_px < 0.3);
+  }
+  CHECK(errors.size() == 12);  // 1.0, 1.5, .. 6.5 m
+  for (const auto& [place, ones] : errors) CHECK(ones.size() == 16);
+  const auto typical = [&](long place) { return quantile(errors.at(place), 0.5); };
+  CHECK(typical(13) > 3.0 * typical(3));  // eq. (7): by the square of the distance, 6.5 against 1.5 m
+  write_looks(folder / "looks.csv", looks);
+  const std::vector<DistanceLook> read = read_looks(folder / "looks.csv");
+  REQUIRE(read.size() == looks.size());
+  CHECK(read.back().distance_error == Approx(looks.back().distance_error).margin(1e-6));
+  CHECK(read_looks(folder / "none.csv").empty());
+}
+
+TEST_CASE("what was seen at the start counts only as long as the robot stands") {
+  RunTrace trace;
+  for (int i = 0; i < 10; ++i) {
+    TracePoint point;
+    point.time_s = 0.1 * i;
+    point.camera_point = {-3.0 + (i < 5 ? 0.0 : 0.02 * (i - 4)), 0.1, 0.2};
+    // Of 100 ms before: behind where the robot is by now.
+    if (i % 2 == 1) point.seen = Pose2{i < 5 ? -3.001 : point.camera_point.x - 0.02, 0.102, 0.2};
+    trace.push_back(point);
+  }
+  const std::optional<StartLook> start = start_look(trace);
+  REQUIRE(start);
+  CHECK(start->truth.x == -3.0);
+  CHECK(start->seen.x == Approx(-3.001));
+  CHECK(start->seen.y == Approx(0.102));
+  CHECK_FALSE(start_look({trace.front()}));
+  // It is in the records, and comes back from their file.
+  const Folder folder;
+  const std::vector<RunRecord> records = run(settings("servo"), 2, folder / "runs");
+  REQUIRE(records.front().start);
+  CHECK(std::abs(records.front().start->seen.x - records.front().start->truth.x) < 0.02);
+  CHECK(read_runs(folder / "runs" / "runs.csv").front().start->seen.x == records.front().start->seen.x);
 }
 
 TEST_CASE("how far two campaigns agree is told with bounds that narrow with common seeds") {
