@@ -1,6 +1,5 @@
 // Verb: evaluate. Campaigns of simulated dockings, and what they come to.
 #include <array>
-#include <chrono>
 #include <cstdio>
 #include <ctime>
 #include <filesystem>
@@ -8,9 +7,9 @@
 #include <iostream>
 #include <optional>
 #include <thread>
-#include <unistd.h>
 
 #include "app/campaign_agreement.h"
+#include "app/campaign_progress.h"
 #include "app/campaign_set.h"
 #include "app/evaluate_measurements.h"
 #include "app/evaluation_limits.h"
@@ -66,33 +65,6 @@ CampaignShare share_of(const EvaluateOptions& options) {
                   "--shard is " + options.shard + "; it must be i/n with i from 0 to n - 1, for example 0/4");
   return share;
 }
-
-// One line in place on a terminal: done, wanted, time that remains.
-class Progress {
- public:
-  explicit Progress(bool quiet) : terminal_(!quiet && ::isatty(STDERR_FILENO) != 0) {}
-  ~Progress() {
-    if (dirty_) std::fprintf(stderr, "\r\033[K");
-  }
-  void operator()(int done, int wanted) {
-    ++here_;
-    if (!terminal_) return;
-    const double spent = std::chrono::duration<double>(std::chrono::steady_clock::now() - start_).count();
-    std::fprintf(stderr, "\r\033[K%d of %d runs, %.0f s to go", done, wanted, spent / here_ * (wanted - done));
-    std::fflush(stderr);
-    dirty_ = true;
-  }
-  [[nodiscard]] int here() const { return here_; }
-  [[nodiscard]] double seconds() const {
-    return std::chrono::duration<double>(std::chrono::steady_clock::now() - start_).count();
-  }
-
- private:
-  bool terminal_;
-  bool dirty_ = false;
-  int here_ = 0;
-  std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
-};
 
 // What a campaign.yaml says of itself, as far as reports name it.
 RunSettings settings_told(const std::string& campaign) {

@@ -9,6 +9,7 @@
 #include "app/ablation_report.h"
 #include "app/accuracy_map.h"
 #include "app/campaign_agreement.h"
+#include "app/campaign_progress.h"
 #include "app/campaign_set.h"
 #include "app/corner_measurement.h"
 #include "app/distance_looks.h"
@@ -690,6 +691,14 @@ TEST_CASE("Fig. 8 has the paper's strategy at every distance, and the errors gro
   REQUIRE(read.size() == looks.size());
   CHECK(read.back().distance_error == Approx(looks.back().distance_error).margin(1e-6));
   CHECK(read_looks(folder / "none.csv").empty());
+}
+
+TEST_CASE("the time that a campaign still takes is told in words that a person takes in at a glance") {
+  CHECK(duration_words(0.4) == "0 s");
+  CHECK(duration_words(59.6) == "1 min 0 s");
+  CHECK(duration_words(725.0) == "12 min 5 s");
+  CHECK(duration_words(12000.0) == "3 h 20 min");
+  CHECK(progress_words(15, 30, 5.0) == "[###############---------------] 15 of 30 runs, 5 s to go");
 }
 
 TEST_CASE("what was seen at the start counts only as long as the robot stands") {
