@@ -32,14 +32,25 @@ void start_straight(StartScenario& start) {
   start.bearing = radians(5.0);
 }
 
+// A word that is none of those known must be a file.
+void check_file(const std::string& option, const std::string& word, const std::vector<std::string>& known) {
+  if (std::filesystem::exists(word)) return;
+  std::string sentence = option + " " + word + ": is no file, nor ";
+  for (std::size_t i = 0; i < known.size(); ++i)
+    sentence += (i == 0 ? "one of " : i + 1 == known.size() ? " and " : ", ") + known[i];
+  throw Failure(ExitCode::usage, sentence);
+}
+
 Rig rig_of(const std::string& word) {
   if (word == "default") return default_rig();
   if (word == "five_megapixel") return five_megapixel_rig();
+  check_file("--rig", word, {"default", "five_megapixel"});
   return read_rig(word);
 }
 
 Board board_of(const std::string& word, double height) {
   if (const std::optional<Board> board = board_named(word, height)) return *board;
+  check_file("--board", word, board_names());
   return read_board(word);
 }
 
@@ -129,6 +140,8 @@ RunSettings settings_of(const CampaignWish& wish) {
                                        ": its corner errors were not measured; give --images on, or --corners FILE of "
                                        "`tagdock evaluate corner-errors --method " +
                                        settings.corners_name + "`");
+  if (!wish.corners.empty() && std::find(measured.begin(), measured.end(), wish.corners) == measured.end())
+    check_file("--corners", wish.corners, measured);
   settings.corner_errors = corner_errors(wish.images && wish.corners.empty() ? "tanh" : settings.corners_name);
   if (!wish.scenario.empty()) config.simulation.scenario = wish.scenario;
   const std::string& scenario = config.simulation.scenario;

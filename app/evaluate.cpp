@@ -15,6 +15,7 @@
 #include "app/evaluation_limits.h"
 #include "app/evaluation_report.h"
 #include "app/failure.h"
+#include "app/option_checks.h"
 #include "app/paper_tables.h"
 #include "app/set_report.h"
 #include "app/step_response.h"
@@ -56,6 +57,10 @@ CampaignShare share_of(const EvaluateOptions& options) {
   CampaignShare share;
   share.first_seed = options.seed;
   share.runs = options.runs;
+  if (share.first_seed + static_cast<std::uint64_t>(options.runs - 1) < share.first_seed)
+    throw Failure(ExitCode::usage, "--seed " + std::to_string(options.seed) + ": the seeds of " +
+                                       std::to_string(options.runs) +
+                                       " runs would pass the largest number; take a smaller one");
   share.jobs = options.jobs > 0 ? options.jobs : static_cast<int>(std::max(1U, std::thread::hardware_concurrency()));
   if (options.shard.empty()) return share;
   char rest = 0;
@@ -239,6 +244,10 @@ std::vector<SetMember> members_of(const EvaluateOptions& options) {
 int evaluate_campaign(const EvaluateOptions& options) {
   if (options.output.empty()) throw Failure(ExitCode::usage, "--output DIR is missing: where the results go");
   if (!options.join.empty()) return join(options);
+  if (options.images == "on" && !options.wish.corners.empty())
+    throw Failure(ExitCode::usage,
+                  "--corners are the errors drawn without images; with --images on the detector makes the corners "
+                  "(--method)");
   if (options.partial) throw Failure(ExitCode::usage, "--partial goes with --join");
   const std::vector<SetMember> members = members_of(options);
   const CampaignShare share = share_of(options);
@@ -275,7 +284,9 @@ void add_evaluate(CLI::App& program, Action& action) {
   CLI::App* verb = program.add_subcommand(
       "evaluate", "Docks many simulated robots, each in a world of its own, and says what that comes to.");
   verb->add_option("--runs", options->runs, "dockings")->check(CLI::Range(1, 10000000))->capture_default_str();
-  verb->add_option("--seed", options->seed, "of the first; each has the next")->capture_default_str();
+  verb->add_option("--seed", options->seed, "of the first; each has the next")
+      ->check(not_negative())
+      ->capture_default_str();
   CampaignWish& wish = options->wish;
   verb->add_option("--strategy", wish.strategy,
                    "servo: ours; paper: Richter et al., one flat tag, 3.45 m and 26 degrees, then odometry alone; both")

@@ -302,6 +302,7 @@ std::string fix_words(const Evaluation& evaluation) {
 }
 
 std::string summary(const Evaluation& evaluation) {
+  if (evaluation.runs == 0) return "no runs (fewer than shards)\n";
   char text[640];
   std::snprintf(text, sizeof text,
                 "%d runs\nmean  x %+.2f mm  y %+.2f mm  yaw %+.3f deg  (offset %.1f mm)\n"

@@ -720,11 +720,49 @@ TEST_CASE("an evaluation that cannot be meant is refused, and says what would be
   refused("--runs 0", "--runs");
   refused("--shard 4/4", "0 to n - 1");
   refused("--strategy best", "--strategy");
+  refused("--seed -1", "--seed: -1 is no number of 0 or more");
+  refused("--seed 18446744073709551615 --runs 2", "take a smaller one");
+  refused("--rig foo", "--rig foo: is no file, nor one of default and five_megapixel");
+  refused("--board foo", "nor one of one_tag");
+  refused("--corners foo", "--corners foo: is no file, nor one of apriltag");
+  refused("--images on --corners best", "drawn without images");
+  refused("--partial", "--partial goes with --join");
   refused("--ablation --law line", "--law does not go with --ablation");
   refused("--ablation --images on", "--images does not go with --ablation");
   refused("--ablation --scenario data/scenarios", "takes one --scenario file");
   // A file that is not there is named, also together with --ablation.
   refused("--ablation --scenario nowhere.yaml", "nowhere.yaml");
+}
+
+TEST_CASE("a campaign that is killed goes on to the same results, and is not joined before", "[evaluate]") {
+  const Scratch scratch;
+  const auto evaluate = [&](const std::string& more, const std::string& folder) {
+    return run(scratch, "evaluate --runs 60 --jobs 2 " + more + " --output " + scratch.path(folder));
+  };
+  CHECK(evaluate("", "whole").code == 0);
+  // Killed as soon as a few runs are written.
+  const std::string killed = scratch.path("killed");
+  const std::string script = std::string(TAGDOCK_PROGRAM) + " evaluate --runs 60 --jobs 1 --output " + killed +
+                             " >/dev/null 2>&1 & while [ \"$(cat " + killed +
+                             "/runs.csv 2>/dev/null | wc -l)\" -lt 4 ]; do sleep 0.01; done; kill -9 $!; wait $!";
+  REQUIRE(WEXITSTATUS(std::system(script.c_str())) == 128 + SIGKILL);
+  const Run early = run(scratch, "evaluate --join " + scratch.path("killed") + " --output " + scratch.path("early"));
+  CHECK(early.code == 2);
+  CHECK_FALSE(std::filesystem::exists(scratch.folder / "early"));
+  CHECK(evaluate("", "killed").code == 0);
+  for (const char* file : {"runs.csv", "summary.json", "report.html"}) {
+    CAPTURE(file);
+    CHECK(contents(scratch.folder / "killed" / file) == contents(scratch.folder / "whole" / file));
+  }
+  CHECK(evaluate("--shard 0/2", "first").code == 0);
+  CHECK(contents(scratch.folder / "first" / "report.html").find("Partial: 30 of 60 runs.") != std::string::npos);
+  const Run one = run(scratch, "evaluate --join " + scratch.path("first") + " --output " + scratch.path("joined"));
+  CHECK(one.code == 2);
+  CHECK_THAT(one.err, Contains("shard 1/2 is in none of the folders: 30 runs"));
+  const Run part =
+      run(scratch, "evaluate --partial --json --join " + scratch.path("first") + " --output " + scratch.path("joined"));
+  CHECK(part.code == 0);
+  CHECK(nlohmann::json::parse(part.out).at("partial").at("of") == 60);
 }
 
 TEST_CASE("a measurement's help is its own, not the campaign's", "[quick][evaluate]") {
