@@ -200,10 +200,23 @@ std::vector<SetResult> join_sets(const std::vector<std::filesystem::path>& shard
     all.emplace_back(name, std::move(joined));
   }
   if (!missing.empty() && !wish.partial) refuse_part(missing);
+  if (std::all_of(all.begin(), all.end(), [](const auto& one) { return one.second.records.empty(); }))
+    throw Failure(ExitCode::usage, shards.front().string() + ": has no runs");
   begin_set(names, folder);
   std::vector<SetResult> results;
   for (auto& [name, joined] : all) {
-    if (joined.records.empty()) continue;  // what never ran has no figures
+    if (joined.records.empty()) {  // never ran: it has no figures, but is told of
+      results.push_back({.name = name,
+                         .campaign = {},
+                         .records = {},
+                         .evaluation = {},
+                         .traces = {},
+                         .looks = {},
+                         .share = {},
+                         .missing = std::move(joined.missing),
+                         .wanted = joined.wanted});
+      continue;
+    }
     write_joined(joined, folder / name);
     Evaluation evaluation = evaluate(joined.records);
     results.push_back({.name = name,
@@ -216,7 +229,6 @@ std::vector<SetResult> join_sets(const std::vector<std::filesystem::path>& shard
                        .missing = std::move(joined.missing),
                        .wanted = joined.wanted});
   }
-  if (results.empty()) throw Failure(ExitCode::usage, shards.front().string() + ": has no runs");
   return results;
 }
 

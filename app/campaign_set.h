@@ -65,7 +65,8 @@ std::vector<SetResult> run_set(const std::vector<SetMember>& members, const Camp
 /// Whether a folder holds a set.
 bool is_set(const std::filesystem::path& folder);
 
-/// Joins shards of a set, member by member. Throws Failure(usage) as join_campaigns, or where members differ.
+/// Joins shards of a set, member by member; of a part, a member that never ran has no records and says so in `missing`.
+/// Throws Failure(usage) as join_campaigns, or where members differ.
 std::vector<SetResult> join_sets(const std::vector<std::filesystem::path>& shards, const std::filesystem::path& folder,
                                  const JoinWish& wish = {});
 

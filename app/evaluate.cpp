@@ -109,7 +109,14 @@ std::optional<std::array<SigmaRatio, 3>> agreement_of(const std::vector<SetResul
   return sigma_ratios(results[0].records, results[1].records);
 }
 
-void write_set(const EvaluateOptions& options, const std::vector<SetResult>& results) {
+void write_set(const EvaluateOptions& options, const std::vector<SetResult>& whole) {
+  std::vector<SetResult> results;
+  std::vector<std::string> never_ran;
+  for (const SetResult& result : whole)
+    if (result.records.empty() && !result.missing.empty())
+      never_ran.insert(never_ran.end(), result.missing.begin(), result.missing.end());
+    else
+      results.push_back(result);
   const std::filesystem::path folder = options.output;
   nlohmann::ordered_json all;
   all["schema"] = "tagdock-evaluation-set/1";
@@ -118,6 +125,7 @@ void write_set(const EvaluateOptions& options, const std::vector<SetResult>& res
     one.erase("schema");
     all["campaigns"][result.name] = std::move(one);
   }
+  if (!never_ran.empty()) all["missing"] = never_ran;
   std::string words = set_summary(results);
   if (const auto ratios = agreement_of(results)) {
     const std::array<const char*, 3> names = {"x", "y", "yaw"};
@@ -129,7 +137,7 @@ void write_set(const EvaluateOptions& options, const std::vector<SetResult>& res
     words += agreement_words(*ratios);
   }
   write(folder / "summary.json", all.dump(2) + "\n");
-  write(folder / "report.html", set_to_html(results));
+  write(folder / "report.html", set_to_html(results, never_ran));
   std::cout << (options.json ? all.dump(2) + "\n" : words);
 }
 

@@ -232,11 +232,11 @@ LimitEvidence evidence_of(const std::vector<SetResult>& results) {
   return evidence;
 }
 
-std::string html_of_part(const std::vector<SetResult>& results) {
+std::string html_of_part(const std::vector<SetResult>& results, const std::vector<std::string>& never_ran) {
   int have = 0;
   int wanted = 0;
-  bool known = true;
-  std::vector<std::string> sentences;
+  bool known = never_ran.empty();
+  std::vector<std::string> sentences = never_ran;
   std::string shard;
   for (const SetResult& result : results) {
     have += result.evaluation.runs;
@@ -269,8 +269,8 @@ nlohmann::ordered_json json_of_part(const SetResult& result) {
   return json;
 }
 
-std::string set_to_html(const std::vector<SetResult>& results) {
-  std::string html = html_head("tagdock evaluate") + html_of_part(results);
+std::string set_to_html(const std::vector<SetResult>& results, const std::vector<std::string>& never_ran) {
+  std::string html = html_head("tagdock evaluate") + html_of_part(results, never_ran);
   html +=
       "<p>Errors are of the camera point and heading against the docking pose, as the simulator knows them; x is "
       "towards "

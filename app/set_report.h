@@ -15,7 +15,8 @@ std::string set_summary(const std::vector<SetResult>& results);
 
 /// What a reader must know first where a report is not of whole campaigns: one shard, or a join of a part. Empty, null
 /// for whole ones.
-std::string html_of_part(const std::vector<SetResult>& results);
+/// @param never_ran  sentences on campaigns that are not among the results
+std::string html_of_part(const std::vector<SetResult>& results, const std::vector<std::string>& never_ran = {});
 nlohmann::ordered_json json_of_part(const SetResult& result);
 
 /// A campaign as figures take it.
@@ -25,6 +26,7 @@ FigureData figure_data(const SetResult& result, const std::string& name, const s
 LimitEvidence evidence_of(const std::vector<SetResult>& results);
 
 /// report.html of a set: one file, no scripts.
-std::string set_to_html(const std::vector<SetResult>& results);
+/// @param never_ran  as html_of_part
+std::string set_to_html(const std::vector<SetResult>& results, const std::vector<std::string>& never_ran = {});
 
 }  // namespace tagdock

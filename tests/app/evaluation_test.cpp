@@ -203,7 +203,12 @@ TEST_CASE("a set that was stopped before its last campaign is not whole") {
   CHECK_THROWS_WITH(join_sets({folder / "set"}, folder / "x"), Contains("frames_lost-paper was not begun"));
   CHECK_FALSE(std::filesystem::exists(folder / "x"));
   const std::vector<SetResult> part = join_sets({folder / "set"}, folder / "part", {{}, 20, true});
-  CHECK(part.size() == 1);
+  REQUIRE(part.size() == 2);
+  CHECK(part[0].records.size() == 2);
+  CHECK(part[1].records.empty());
+  CHECK_THAT(part[1].missing.front(), Contains("frames_lost-paper was not begun"));
+  CHECK_THAT(set_to_html({part[0]}, part[1].missing),
+             Contains("Partial: 2 of an unknown number of runs") && Contains("frames_lost-paper was not begun"));
 }
 
 TEST_CASE("a folder's runs are not lost to a command that asks for others") {
