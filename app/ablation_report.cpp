@@ -136,7 +136,7 @@ std::vector<Gain> gains() {
 std::vector<RunRecord> ended(const SetResult& result) {
   std::vector<RunRecord> records;
   for (const RunRecord& record : result.records)
-    if (record.result == "docked" || record.result == "arrived") records.push_back(record);
+    if (came_to_end(record)) records.push_back(record);
   return records;
 }
 
@@ -268,7 +268,8 @@ std::string ablation_html(const std::vector<SetResult>& results) {
       "), one attempt each and no refusal for an uncertain pose, so that nothing but the choice decides. <b>Inside</b> "
       "is "
       "the share of all runs that docked inside 3 mm, 3 mm, 0.5 degrees, with its 95 % interval (Clopper and Pearson). "
-      "<b>Sigmas</b> are of x, y and heading of the runs that came to their end: where a robot stood that gave up "
+      "<b>Sigmas</b> are of x, y and heading of the runs that came to the dock and measured there, right or wrong: "
+      "where a robot stood that gave up "
       "would "
       "drown them; how many ended stands beside. Their intervals are Bonett's, which do not take the errors for "
       "normal.</p>\n<ul>"

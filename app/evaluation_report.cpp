@@ -99,6 +99,8 @@ nlohmann::ordered_json json_of(const Pose2& pose) { return {{"x", pose.x}, {"y",
 
 }  // namespace
 
+bool came_to_end(const RunRecord& record) { return claims_success(record) || record.sigma.has_value(); }
+
 Share share_of(int count, int of, double confidence) {
   Share share{count, of, 0.0, 1.0};
   if (of == 0) return share;
@@ -172,7 +174,7 @@ Evaluation evaluate(const std::vector<RunRecord>& records) {
   for (const RunRecord& record : records) {
     const Pose2& error = record.true_error;
     errors.push_back(error);
-    if (claims_success(record)) ended.push_back(error);
+    if (came_to_end(record)) ended.push_back(error);
     sizes[0].push_back(std::abs(error.x));
     sizes[1].push_back(std::abs(error.y));
     sizes[2].push_back(std::abs(error.yaw));
@@ -238,7 +240,7 @@ nlohmann::ordered_json to_json(const Evaluation& evaluation, const RunSettings& 
   json["sigma"] = json_of(evaluation.sigma);
   json["sigma_95"] = {{"low", json_of(evaluation.sigma_low)}, {"high", json_of(evaluation.sigma_high)}};
   json["p95_abs"] = json_of(evaluation.p95);
-  // Of the runs that came to their end, docked or arrived: `sigma` has also where the others were left.
+  // Of the runs that came to the dock and measured there: `sigma` has also where the others were left.
   json["ended"] = {
       {"runs", evaluation.ended.runs},
       {"mean", json_of(evaluation.ended.mean)},

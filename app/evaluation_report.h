@@ -41,6 +41,9 @@ struct Spread {
   Pose2 sigma_low, sigma_high;  ///< 95 %
 };
 
+/// Whether a robot came to the dock and measured there: it docked, arrived, or found itself outside and said so.
+bool came_to_end(const RunRecord& record);
+
 /// What a campaign came to. Every run counts in every figure; refused and failed ones stay in the denominators.
 struct Evaluation {
   int runs = 0;
@@ -48,7 +51,7 @@ struct Evaluation {
   Pose2 sigma;                   ///< of the same
   Pose2 sigma_low, sigma_high;   ///< 95 %
   Pose2 p95;                     ///< of the absolute values
-  Spread ended;                  ///< of the runs that came to their end (docked or arrived), right or wrong
+  Spread ended;                  ///< of the runs that came to their end (came_to_end), right or wrong
   Share first_3mm;               ///< docked at the first attempt, inside 3 mm, 3 mm, 0.5 degrees (true)
   Share all_3mm;                 ///< docked, with retries, inside the same
   Share all_10mm;                ///< docked (or arrived) inside 10 mm, 10 mm, 1 degree

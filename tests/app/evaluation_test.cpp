@@ -635,6 +635,7 @@ TEST_CASE("an ablation's report tells what each choice is worth, and sigmas are 
   std::vector<RunRecord> halted = drawn_runs(40, {0.0005, 0.001, 0.1 * degree});
   for (std::size_t i = 0; i < 10; ++i) {
     halted[i].result = "failed";
+    halted[i].sigma.reset();  // on the way: no fix
     halted[i].true_error = {-2.0, 0.3, 0.0};
   }
   const std::vector<SetResult> results = {
@@ -643,6 +644,8 @@ TEST_CASE("an ablation's report tells what each choice is worth, and sigmas are 
       result_of("straight_start-open-v_convex_centre-best", drawn_runs(40, {0.002, 0.004, degree})),
       result_of("straight_start-line-one_tag-best", halted),
       result_of("straight_start-line-v_convex_centre-best", drawn_runs(40, {0.0001, 0.0004, 0.1 * degree}))};
+  halted[20].result = "failed";  // at the dock, where it found itself outside: it counts in the sigma
+  CHECK(evaluate(halted).ended.runs == 30);
   REQUIRE(is_ablation(results));
   const std::string html = set_to_html(results);
   // The same draws scaled: the ratios are exact.
