@@ -2,14 +2,19 @@
 
 #include <algorithm>
 #include <atomic>
+#include <cerrno>
 #include <cstdio>
 #include <exception>
+#include <fcntl.h>
 #include <fstream>
 #include <map>
 #include <mutex>
 #include <sstream>
+#include <sys/file.h>
 #include <thread>
+#include <unistd.h>
 
+#include "app/distance_looks.h"
 #include "app/failure.h"
 
 namespace tagdock {
@@ -17,6 +22,7 @@ namespace {
 
 constexpr const char* runs_file = "runs.csv";
 constexpr const char* campaign_file = "campaign.yaml";
+constexpr const char* share_file = "share.yaml";
 constexpr const char* traces_folder = "traces";
 
 std::string digits(double value) {
@@ -55,12 +61,6 @@ void write(const std::filesystem::path& file, const std::string& text) {
     if (!stream) throw Failure(ExitCode::usage, file.string() + ": cannot be written");
   }
   std::filesystem::rename(beside, file);
-}
-
-void write_runs(const std::filesystem::path& folder, const std::vector<RunRecord>& records) {
-  std::string text = runs_header() + "\n";
-  for (const RunRecord& record : records) text += line(record) + "\n";
-  write(folder / runs_file, text);
 }
 
 void make_folder(const std::filesystem::path& folder) {
@@ -107,13 +107,71 @@ class RecordReader {
   std::vector<std::string> fields_;
 };
 
-bool same_outcome(const RunRecord& a, const RunRecord& b) { return line(a) == line(b); }
+// Nobody else writes into a folder as long as this lives; not even the same command given twice.
+class FolderLock {
+ public:
+  explicit FolderLock(const std::filesystem::path& folder)
+      : descriptor_(::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC)) {
+    if (descriptor_ < 0 || ::flock(descriptor_, LOCK_EX | LOCK_NB) == 0 || errno != EWOULDBLOCK) return;
+    ::close(descriptor_);
+    throw Failure(ExitCode::usage, folder.string() +
+                                       ": another `tagdock evaluate` is at work in this folder; wait for it, or give "
+                                       "each --shard an --output of its own and --join them");
+  }
+  ~FolderLock() {
+    if (descriptor_ >= 0) ::close(descriptor_);
+  }
+  FolderLock(const FolderLock&) = delete;
+  FolderLock& operator=(const FolderLock&) = delete;
+
+ private:
+  int descriptor_;  ///< below zero where it cannot be locked
+};
 
 }  // namespace
 
+std::vector<std::uint64_t> seeds_of(const CampaignShare& share) {
+  std::vector<std::uint64_t> seeds;
+  for (int i = share.shard; i < share.runs; i += share.shards)
+    seeds.push_back(share.first_seed + static_cast<std::uint64_t>(i));
+  return seeds;
+}
+
+void write_shares(const std::filesystem::path& folder, const std::vector<CampaignShare>& shares) {
+  std::string text =
+      "# Which runs of the campaign are meant to be here; `evaluate --join` tells from it what is missing.\n";
+  for (const CampaignShare& share : shares)
+    text += "- {first_seed: " + std::to_string(share.first_seed) + ", runs: " + std::to_string(share.runs) +
+            ", shard: " + std::to_string(share.shard) + ", shards: " + std::to_string(share.shards) + "}\n";
+  write(folder / share_file, text);
+}
+
+std::vector<CampaignShare> read_shares(const std::filesystem::path& folder) {
+  std::vector<CampaignShare> shares;
+  std::istringstream text(contents(folder / share_file));
+  std::string one;
+  for (int number = 1; std::getline(text, one); ++number) {
+    if (one.empty() || one.front() == '#') continue;
+    CampaignShare share;
+    unsigned long long seed = 0;
+    int length = -1;
+    std::sscanf(one.c_str(), "- {first_seed: %llu, runs: %d, shard: %d, shards: %d}%n", &seed, &share.runs,
+                &share.shard, &share.shards, &length);
+    if (length != static_cast<int>(one.size()) || share.runs < 1 || share.shards < 1 || share.shard < 0 ||
+        share.shard >= share.shards)
+      throw Failure(ExitCode::usage, (folder / share_file).string() + ":" + std::to_string(number) +
+                                         ": must be as - {first_seed: 1, runs: 100, shard: 0, shards: 4}");
+    share.first_seed = seed;
+    shares.push_back(share);
+  }
+  return shares;
+}
+
 std::string runs_header() {
   return "seed,scenario,result,reason,true_x,true_y,true_yaw,estimated_x,estimated_y,estimated_yaw,duration_s,attempts,"
-         "stop_latency_ms,sigma_x,sigma_y,sigma_yaw,fault,fault_to_zero_ms,fault_to_stand_ms";
+         "stop_latency_ms,sigma_x,sigma_y,sigma_yaw,fault,fault_to_zero_ms,fault_to_stand_ms,start_x,start_y,start_yaw,"
+         "start_seen_x,"
+         "start_seen_y,start_seen_yaw";
 }
 
 std::string line(const RunRecord& record) {
@@ -121,7 +179,9 @@ std::string line(const RunRecord& record) {
          pose_fields(record.true_error) + pose_fields(record.estimated) + "," + digits(record.duration_s) + "," +
          std::to_string(record.attempts) + "," + digits(record.stop_latency_ms) + pose_fields(record.sigma) + "," +
          record.fault + "," + (record.fault_to_zero_ms ? digits(*record.fault_to_zero_ms) : "") + "," +
-         (record.fault_to_stand_ms ? digits(*record.fault_to_stand_ms) : "");
+         (record.fault_to_stand_ms ? digits(*record.fault_to_stand_ms) : "") +
+         pose_fields(record.start ? std::optional(record.start->truth) : std::nullopt) +
+         pose_fields(record.start ? std::optional(record.start->seen) : std::nullopt);
 }
 
 std::vector<RunRecord> read_runs(const std::filesystem::path& file) {
@@ -153,9 +213,16 @@ std::vector<RunRecord> read_runs(const std::filesystem::path& file) {
     record.fault = reader.optional_word(16);
     record.fault_to_zero_ms = reader.optional_number(17);
     record.fault_to_stand_ms = reader.optional_number(18);
+    if (const auto truth = reader.pose(19), seen = reader.pose(22); truth && seen) record.start = {*truth, *seen};
     records.push_back(std::move(record));
   }
   return records;
+}
+
+void write_runs(const std::filesystem::path& folder, const std::vector<RunRecord>& records) {
+  std::string text = runs_header() + "\n";
+  for (const RunRecord& record : records) text += line(record) + "\n";
+  write(folder / runs_file, text);
 }
 
 std::string campaign_text(const RunSettings& settings) {
@@ -186,6 +253,7 @@ std::vector<RunRecord> run_campaign(const RunSettings& settings, const CampaignS
                                     const std::filesystem::path& folder,
                                     const std::function<void(int done, int wanted)>& progress) {
   make_folder(folder / traces_folder);
+  const FolderLock alone(folder);
   const std::string text = campaign_text(settings);
   std::map<std::uint64_t, RunRecord> done;
   if (std::filesystem::exists(folder / campaign_file)) {
@@ -195,13 +263,14 @@ std::vector<RunRecord> run_campaign(const RunSettings& settings, const CampaignS
     if (std::filesystem::exists(folder / runs_file))
       for (RunRecord& record : read_runs(folder / runs_file)) done.emplace(record.seed, std::move(record));
   }
+  const std::vector<std::uint64_t> wanted = seeds_of(share);
+  for (const auto& [seed, record] : done)
+    if (!std::binary_search(wanted.begin(), wanted.end(), seed))
+      throw Failure(ExitCode::usage, (folder / runs_file).string() + ": has a run of seed " + std::to_string(seed) +
+                                         ", which this command does not ask for and would lose; give --runs, --seed "
+                                         "and --shard as before (--runs may be more), or another --output");
   write(folder / campaign_file, text);
-
-  std::vector<std::uint64_t> wanted;
-  for (int i = share.shard; i < share.runs; i += share.shards)
-    wanted.push_back(share.first_seed + static_cast<std::uint64_t>(i));
-  std::erase_if(done,
-                [&](const auto& entry) { return !std::binary_search(wanted.begin(), wanted.end(), entry.first); });
+  write_shares(folder, {share});
   std::vector<std::uint64_t> missing;
   for (const std::uint64_t seed : wanted)
     if (!done.contains(seed)) missing.push_back(seed);
@@ -218,7 +287,8 @@ std::vector<RunRecord> run_campaign(const RunSettings& settings, const CampaignS
       try {
         const bool traced = missing[i] - share.first_seed < traced_runs;
         RunTrace trace;
-        RunRecord record = run_once(settings, missing[i], traced ? &trace : nullptr);
+        RunRecord record = run_once(settings, missing[i], &trace);
+        record.start = start_look(trace);
         const std::lock_guard lock(mutex);
         if (traced) write_trace(folder / traces_folder / (std::to_string(missing[i]) + ".csv"), trace);
         stream << line(record) << "\n" << std::flush;
@@ -243,6 +313,10 @@ std::vector<RunRecord> run_campaign(const RunSettings& settings, const CampaignS
   for (auto& [seed, record] : done) records.push_back(std::move(record));
   stream.close();
   write_runs(folder, records);
+  // A campaign's first shard keeps them for all; an ablation's figures are others.
+  const std::filesystem::path looks = folder / looks_file;
+  if (share.shard == 0 && !settings.limits_lifted && !std::filesystem::exists(looks))
+    write_looks(looks, looks_over_distance(settings, share.first_seed));
   return records;
 }
 
@@ -254,39 +328,6 @@ std::vector<RunTrace> read_traces(const std::filesystem::path& folder) {
   std::vector<RunTrace> traces;
   for (const std::filesystem::path& file : files) traces.push_back(read_trace(file));
   return traces;
-}
-
-std::vector<RunRecord> join_campaigns(const std::vector<std::filesystem::path>& shards,
-                                      const std::filesystem::path& folder) {
-  std::map<std::uint64_t, RunRecord> joined;
-  std::string text;
-  for (const std::filesystem::path& shard : shards) {
-    for (const char* needed : {campaign_file, runs_file})
-      if (!std::filesystem::exists(shard / needed))
-        throw Failure(ExitCode::usage, (shard / needed).string() + ": is missing; --join takes folders of `evaluate`");
-    const std::string of_shard = contents(shard / campaign_file);
-    if (text.empty()) text = of_shard;
-    if (of_shard != text)
-      throw Failure(ExitCode::usage, (shard / campaign_file).string() + ": is of another campaign than that in " +
-                                         shards.front().string());
-    for (RunRecord& record : read_runs(shard / runs_file)) {
-      const auto [place, fresh] = joined.emplace(record.seed, record);
-      if (!fresh && !same_outcome(place->second, record))
-        throw Failure(ExitCode::usage, (shard / runs_file).string() + ": seed " + std::to_string(record.seed) +
-                                           " has another outcome than in an earlier folder");
-    }
-  }
-  make_folder(folder / traces_folder);
-  write(folder / campaign_file, text);
-  for (const std::filesystem::path& shard : shards)
-    if (std::filesystem::is_directory(shard / traces_folder))
-      for (const auto& trace : std::filesystem::directory_iterator(shard / traces_folder))
-        std::filesystem::copy_file(trace.path(), folder / traces_folder / trace.path().filename(),
-                                   std::filesystem::copy_options::overwrite_existing);
-  std::vector<RunRecord> records;
-  for (auto& [seed, record] : joined) records.push_back(std::move(record));
-  write_runs(folder, records);
-  return records;
 }
 
 }  // namespace tagdock

@@ -52,6 +52,8 @@ struct RunRecord {
   std::string fault;                        ///< frames, odometry or link; empty: nothing broke
   std::optional<double> fault_to_zero_ms;   ///< from the last good input (frame: mid-exposure) to a zero command
   std::optional<double> fault_to_stand_ms;  ///< the same until the wheels stand
+  /// At the first standstill; `run_campaign` takes it from the trace.
+  std::optional<StartLook> start;
 };
 
 /// One docking in a world of its own. The same settings and seed give the same record to the last bit.

@@ -6,7 +6,9 @@
 #include <vector>
 
 #include "app/campaign.h"
+#include "app/campaign_join.h"
 #include "app/campaign_settings.h"
+#include "app/distance_looks.h"
 #include "app/evaluation_report.h"
 
 namespace tagdock {
@@ -25,6 +27,10 @@ struct SetResult {
   std::vector<RunRecord> records;
   Evaluation evaluation;
   std::vector<RunTrace> traces;
+  std::vector<DistanceLook> looks;
+  CampaignShare share;               ///< that was run; of joined ones the default, which is all
+  std::vector<std::string> missing;  ///< of a join of a part, as JoinedCampaign has it
+  int wanted = 0;                    ///< runs of the whole campaign; 0 where nobody knows
 
   /// As `campaign_value`.
   [[nodiscard]] std::string value(const std::string& key) const { return campaign_value(campaign, key); }
@@ -46,7 +52,8 @@ std::vector<SetMember> scenario_set(const SetWish& wish);
 
 /// Path x law x board x corners on the same seeds: the paper's start and the straight one; open loop, ViSP's centering,
 /// the line law; the boards of `board_names`; the corner errors of `corner_error_names`. One attempt each, no refusal
-/// for an uncertain pose; the default rig.
+/// for an uncertain pose; the default rig. The world is the built-in one, or the first of the scenarios with its start
+/// replaced.
 std::vector<SetMember> ablation_set(const SetWish& wish);
 
 /// Runs a set: each member into `folder`/name, as run_campaign does, resumable and in the same shards.
@@ -58,7 +65,9 @@ std::vector<SetResult> run_set(const std::vector<SetMember>& members, const Camp
 /// Whether a folder holds a set.
 bool is_set(const std::filesystem::path& folder);
 
-/// Joins shards of a set, member by member. Throws Failure(usage) as join_campaigns, or where members differ.
-std::vector<SetResult> join_sets(const std::vector<std::filesystem::path>& shards, const std::filesystem::path& folder);
+/// Joins shards of a set, member by member; of a part, a member that never ran has no records and says so in `missing`.
+/// Throws Failure(usage) as join_campaigns, or where members differ.
+std::vector<SetResult> join_sets(const std::vector<std::filesystem::path>& shards, const std::filesystem::path& folder,
+                                 const JoinWish& wish = {});
 
 }  // namespace tagdock

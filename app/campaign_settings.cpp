@@ -26,14 +26,31 @@ void start_as_the_paper(StartScenario& start) {
   start.bearing_spread = start.heading_spread = 0.0;
 }
 
+// As near, and almost on the axis (notes on docking, 0): what the paper's start leaves of a path's length, straight.
+void start_straight(StartScenario& start) {
+  start_as_the_paper(start);
+  start.bearing = radians(5.0);
+}
+
+// A word that is none of those known must be a file.
+void check_file(const std::string& option, const std::string& word, const std::vector<std::string>& known) {
+  if (std::filesystem::exists(word)) return;
+  std::string sentence = option + " " + word + ": is no file, nor ";
+  for (std::size_t i = 0; i < known.size(); ++i)
+    sentence += (i == 0 ? "one of " : i + 1 == known.size() ? " and " : ", ") + known[i];
+  throw Failure(ExitCode::usage, sentence);
+}
+
 Rig rig_of(const std::string& word) {
   if (word == "default") return default_rig();
   if (word == "five_megapixel") return five_megapixel_rig();
+  check_file("--rig", word, {"default", "five_megapixel"});
   return read_rig(word);
 }
 
 Board board_of(const std::string& word, double height) {
   if (const std::optional<Board> board = board_named(word, height)) return *board;
+  check_file("--board", word, board_names());
   return read_board(word);
 }
 
@@ -45,8 +62,9 @@ std::filesystem::path shipped_scenarios() {
                                           program / "../share/tagdock/scenarios"};
   for (const std::filesystem::path& place : places)
     if (std::filesystem::exists(place / "default.yaml")) return place.lexically_normal();
-  throw Failure(ExitCode::usage,
-                "--scenario all: the shipped scenarios (data/scenarios) are not found from here; give their folder");
+  throw Failure(
+      ExitCode::usage,
+      "the shipped scenarios (data/scenarios) are not found from here; give --scenario FILE, or their folder");
 }
 
 }  // namespace
@@ -122,18 +140,23 @@ RunSettings settings_of(const CampaignWish& wish) {
                                        ": its corner errors were not measured; give --images on, or --corners FILE of "
                                        "`tagdock evaluate corner-errors --method " +
                                        settings.corners_name + "`");
+  if (!wish.corners.empty() && std::find(measured.begin(), measured.end(), wish.corners) == measured.end())
+    check_file("--corners", wish.corners, measured);
   settings.corner_errors = corner_errors(wish.images && wish.corners.empty() ? "tanh" : settings.corners_name);
   if (!wish.scenario.empty()) config.simulation.scenario = wish.scenario;
   const std::string& scenario = config.simulation.scenario;
   if (!scenario.empty()) {
     settings.scenario = read_scenario(scenario);
     settings.scenario_text = contents(scenario);
+  } else if (wish.start != "scenario") {
+    settings.scenario.name = wish.start + "_start";
   } else if (paper) {
     settings.scenario.name = "paper_start";
     start_as_the_paper(settings.scenario.start);
   }
   settings.start_name = wish.start;
   if (wish.start == "paper") start_as_the_paper(settings.scenario.start);
+  if (wish.start == "straight") start_straight(settings.scenario.start);
   if (!settings.images && needs_images(settings.scenario))
     throw Failure(ExitCode::usage, "scenario " + settings.scenario.name +
                                        " has dirt or other light, which only images show: give --images on");

@@ -12,7 +12,7 @@ namespace tagdock {
 struct CampaignWish {
   std::string strategy = "servo";  ///< servo or paper
   std::string scenario;            ///< file; empty: the built-in default (paper: from the paper's start)
-  std::string start = "scenario";  ///< scenario, or paper: 3.45 m and 26 degrees whatever the scenario says
+  std::string start = "scenario";  ///< scenario; paper: 3.45 m and 26 degrees; straight: 3.45 m and 5 degrees
   std::string config;              ///< file; empty: the defaults
   std::string rig;                 ///< default, five_megapixel or a file; empty: the strategy's own
   std::string board;               ///< one of `board_names` or a file; empty: the strategy's own

@@ -1,21 +1,21 @@
 // Verb: evaluate. Campaigns of simulated dockings, and what they come to.
 #include <array>
-#include <chrono>
 #include <cstdio>
 #include <ctime>
 #include <filesystem>
 #include <fstream>
 #include <iostream>
 #include <optional>
-#include <sstream>
 #include <thread>
-#include <unistd.h>
 
 #include "app/campaign_agreement.h"
+#include "app/campaign_progress.h"
 #include "app/campaign_set.h"
 #include "app/evaluate_measurements.h"
+#include "app/evaluation_limits.h"
 #include "app/evaluation_report.h"
 #include "app/failure.h"
+#include "app/option_checks.h"
 #include "app/paper_tables.h"
 #include "app/set_report.h"
 #include "app/step_response.h"
@@ -41,16 +41,11 @@ struct EvaluateOptions {
   int jobs = 0;
   std::string shard;
   std::vector<std::string> join;
+  bool partial = false;
+  bool runs_given = false;
   std::string output;
   bool json = false;
 };
-
-std::string contents(const std::filesystem::path& file) {
-  std::ifstream stream(file, std::ios::binary);
-  std::ostringstream text;
-  text << stream.rdbuf();
-  return text.str();
-}
 
 void write(const std::filesystem::path& file, const std::string& text) {
   std::ofstream stream(file, std::ios::binary);
@@ -62,6 +57,10 @@ CampaignShare share_of(const EvaluateOptions& options) {
   CampaignShare share;
   share.first_seed = options.seed;
   share.runs = options.runs;
+  if (share.first_seed + static_cast<std::uint64_t>(options.runs - 1) < share.first_seed)
+    throw Failure(ExitCode::usage, "--seed " + std::to_string(options.seed) + ": the seeds of " +
+                                       std::to_string(options.runs) +
+                                       " runs would pass the largest number; take a smaller one");
   share.jobs = options.jobs > 0 ? options.jobs : static_cast<int>(std::max(1U, std::thread::hardware_concurrency()));
   if (options.shard.empty()) return share;
   char rest = 0;
@@ -71,33 +70,6 @@ CampaignShare share_of(const EvaluateOptions& options) {
                   "--shard is " + options.shard + "; it must be i/n with i from 0 to n - 1, for example 0/4");
   return share;
 }
-
-// One line in place on a terminal: done, wanted, time that remains.
-class Progress {
- public:
-  explicit Progress(bool quiet) : terminal_(!quiet && ::isatty(STDERR_FILENO) != 0) {}
-  ~Progress() {
-    if (dirty_) std::fprintf(stderr, "\r\033[K");
-  }
-  void operator()(int done, int wanted) {
-    ++here_;
-    if (!terminal_) return;
-    const double spent = std::chrono::duration<double>(std::chrono::steady_clock::now() - start_).count();
-    std::fprintf(stderr, "\r\033[K%d of %d runs, %.0f s to go", done, wanted, spent / here_ * (wanted - done));
-    std::fflush(stderr);
-    dirty_ = true;
-  }
-  [[nodiscard]] int here() const { return here_; }
-  [[nodiscard]] double seconds() const {
-    return std::chrono::duration<double>(std::chrono::steady_clock::now() - start_).count();
-  }
-
- private:
-  bool terminal_;
-  bool dirty_ = false;
-  int here_ = 0;
-  std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
-};
 
 // What a campaign.yaml says of itself, as far as reports name it.
 RunSettings settings_told(const std::string& campaign) {
@@ -113,22 +85,20 @@ RunSettings settings_told(const std::string& campaign) {
 }
 
 // Writes the results of one campaign beside its runs.
-nlohmann::ordered_json write_results(const std::filesystem::path& folder, const std::string& campaign,
-                                     const std::vector<RunRecord>& records, const Evaluation& evaluation) {
-  const RunSettings settings = settings_told(campaign);
-  const nlohmann::ordered_json json = to_json(evaluation, settings);
+nlohmann::ordered_json write_results(const std::filesystem::path& folder, const SetResult& result) {
+  const RunSettings settings = settings_told(result.campaign);
+  nlohmann::ordered_json json = to_json(result.evaluation, settings);
+  if (const nlohmann::ordered_json part = json_of_part(result); !part.is_null()) json["partial"] = part;
   write(folder / "summary.json", json.dump(2) + "\n");
-  FigureData data;
-  data.name = settings.strategy == Strategy::servo ? "servo" : "paper's strategy";
-  data.style = settings.strategy == Strategy::servo ? "#2b6cb0" : "#c53030";
-  data.records = records;
-  data.traces = read_traces(folder);
-  data.focal_length_px = std::atof(campaign_value(campaign, "focal_length_px").c_str());
-  write(folder / "report.html",
-        to_html(evaluation, data,
-                std::string("tagdock evaluate: ") + (settings.strategy == Strategy::servo ? "servo" : "paper") +
-                    ", scenario " + settings.scenario.name,
-                campaign));
+  const FigureData data = settings.strategy == Strategy::servo ? figure_data(result, "servo", "#2b6cb0")
+                                                               : figure_data(result, "paper's strategy", "#c53030");
+  CampaignPage page;
+  page.title = std::string("tagdock evaluate: ") + (settings.strategy == Strategy::servo ? "servo" : "paper") +
+               ", scenario " + settings.scenario.name;
+  page.campaign = result.campaign;
+  page.first = html_of_part({result});
+  page.limits = html_limits(evidence_of({result}));
+  write(folder / "report.html", to_html(result.evaluation, data, page));
   return json;
 }
 
@@ -139,16 +109,23 @@ std::optional<std::array<SigmaRatio, 3>> agreement_of(const std::vector<SetResul
   return sigma_ratios(results[0].records, results[1].records);
 }
 
-void write_set(const EvaluateOptions& options, const std::vector<SetResult>& results) {
+void write_set(const EvaluateOptions& options, const std::vector<SetResult>& whole) {
+  std::vector<SetResult> results;
+  std::vector<std::string> never_ran;
+  for (const SetResult& result : whole)
+    if (result.records.empty() && !result.missing.empty())
+      never_ran.insert(never_ran.end(), result.missing.begin(), result.missing.end());
+    else
+      results.push_back(result);
   const std::filesystem::path folder = options.output;
   nlohmann::ordered_json all;
   all["schema"] = "tagdock-evaluation-set/1";
   for (const SetResult& result : results) {
-    nlohmann::ordered_json one =
-        write_results(folder / result.name, result.campaign, result.records, result.evaluation);
+    nlohmann::ordered_json one = write_results(folder / result.name, result);
     one.erase("schema");
     all["campaigns"][result.name] = std::move(one);
   }
+  if (!never_ran.empty()) all["missing"] = never_ran;
   std::string words = set_summary(results);
   if (const auto ratios = agreement_of(results)) {
     const std::array<const char*, 3> names = {"x", "y", "yaw"};
@@ -160,8 +137,13 @@ void write_set(const EvaluateOptions& options, const std::vector<SetResult>& res
     words += agreement_words(*ratios);
   }
   write(folder / "summary.json", all.dump(2) + "\n");
-  write(folder / "report.html", set_to_html(results));
+  write(folder / "report.html", set_to_html(results, never_ran));
   std::cout << (options.json ? all.dump(2) + "\n" : words);
+}
+
+void write_one(const EvaluateOptions& options, const SetResult& result) {
+  const nlohmann::ordered_json json = write_results(options.output, result);
+  std::cout << (options.json ? json.dump(2) + "\n" : summary(result.evaluation));
 }
 
 // CPU time of this process.
@@ -173,16 +155,56 @@ double cpu_seconds() {
 
 int join(const EvaluateOptions& options) {
   const std::vector<std::filesystem::path> folders(options.join.begin(), options.join.end());
+  for (const std::filesystem::path& folder : folders)
+    if (!std::filesystem::is_directory(folder))
+      throw Failure(ExitCode::usage, "--join " + folder.string() + ": is no folder; it takes those of shards");
+  JoinWish wish;
+  wish.partial = options.partial;
+  wish.image_runs = options.image_runs;
+  if (options.runs_given) {
+    wish.told.emplace();
+    wish.told->first_seed = options.seed;
+    wish.told->runs = options.runs;
+  }
+  const auto warn = [](const std::vector<std::string>& missing) {
+    for (const std::string& one : missing) std::cerr << "tagdock: partial: " << one << "\n";
+  };
   if (is_set(folders.front())) {
-    write_set(options, join_sets(folders, options.output));
+    const std::vector<SetResult> results = join_sets(folders, options.output, wish);
+    for (const SetResult& result : results) warn(result.missing);
+    write_set(options, results);
     return static_cast<int>(ExitCode::done);
   }
-  const std::vector<RunRecord> records = join_campaigns(folders, options.output);
-  const Evaluation evaluation = evaluate(records);
-  const std::string campaign = contents(std::filesystem::path(options.output) / "campaign.yaml");
-  const nlohmann::ordered_json json = write_results(options.output, campaign, records, evaluation);
-  std::cout << (options.json ? json.dump(2) + "\n" : summary(evaluation));
+  JoinedCampaign joined = join_campaigns(folders, options.output, wish);
+  warn(joined.missing);
+  const SetResult result{.name = "",
+                         .campaign = joined.campaign,
+                         .records = joined.records,
+                         .evaluation = evaluate(joined.records),
+                         .traces = read_traces(options.output),
+                         .looks = read_looks(std::filesystem::path(options.output) / looks_file),
+                         .share = {},
+                         .missing = joined.missing,
+                         .wanted = joined.wanted};
+  write_one(options, result);
   return static_cast<int>(ExitCode::done);
+}
+
+// What an ablation goes through itself cannot be asked for beside it.
+void check_ablation(const EvaluateOptions& options) {
+  const CampaignWish& wish = options.wish;
+  const std::pair<const char*, bool> fixed[] = {
+      {"--strategy", wish.strategy != "servo"}, {"--law", !wish.law.empty()},
+      {"--board", !wish.board.empty()},         {"--corners", !wish.corners.empty()},
+      {"--method", !wish.method.empty()},       {"--start", wish.start != "scenario"},
+      {"--images", options.images != "off"},
+  };
+  for (const auto& [name, given] : fixed)
+    if (given)
+      throw Failure(ExitCode::usage, std::string(name) +
+                                         " does not go with --ablation, which goes through paths, laws, boards and " +
+                                         "(drawn) corner errors itself; leave one of the two out");
+  if (options.rigs.size() > 1) throw Failure(ExitCode::usage, "--ablation takes one --rig");
 }
 
 // The campaigns that the options ask for; more than one make a set.
@@ -195,11 +217,19 @@ std::vector<SetMember> members_of(const EvaluateOptions& options) {
   wish.image_runs = options.image_runs;
   wish.rigs = options.rigs;
   if (options.rigs.size() == 1) wish.common.rig = options.rigs.front();
-  if (options.ablation) return ablation_set(wish);
+  if (options.ablation) check_ablation(options);
   for (const std::string& word : options.scenarios)
     for (const std::filesystem::path& file : scenario_files(word)) wish.scenarios.push_back(file.string());
+  if (options.ablation) {
+    if (wish.scenarios.size() > 1)
+      throw Failure(ExitCode::usage, "--ablation takes one --scenario file: the world in which everything is compared");
+    return ablation_set(wish);
+  }
   const bool both = options.wish.strategy == "both";
-  if (both && wish.scenarios.empty()) wish.scenarios = {scenario_files("all").front().parent_path() / "default.yaml"};
+  // The straight start beside it, without which the path's gain and the loop's cannot be told apart.
+  if (both && wish.scenarios.empty())
+    for (const char* name : {"default.yaml", "straight_start.yaml"})
+      wish.scenarios.push_back(scenario_files("all").front().parent_path() / name);
   const bool one_campaign = !both && wish.scenarios.size() <= 1 && options.rigs.size() <= 1;
   if (options.images == "both" && !one_campaign)
     throw Failure(ExitCode::usage,
@@ -222,6 +252,11 @@ std::vector<SetMember> members_of(const EvaluateOptions& options) {
 int evaluate_campaign(const EvaluateOptions& options) {
   if (options.output.empty()) throw Failure(ExitCode::usage, "--output DIR is missing: where the results go");
   if (!options.join.empty()) return join(options);
+  if (options.images == "on" && !options.wish.corners.empty())
+    throw Failure(ExitCode::usage,
+                  "--corners are the errors drawn without images; with --images on the detector makes the corners "
+                  "(--method)");
+  if (options.partial) throw Failure(ExitCode::usage, "--partial goes with --join");
   const std::vector<SetMember> members = members_of(options);
   const CampaignShare share = share_of(options);
   const bool alone = members.size() == 1 && members.front().name.empty();
@@ -246,9 +281,7 @@ int evaluate_campaign(const EvaluateOptions& options) {
     write_set(options, results);
     return static_cast<int>(ExitCode::done);
   }
-  const SetResult& only = results.front();
-  const nlohmann::ordered_json json = write_results(options.output, only.campaign, only.records, only.evaluation);
-  std::cout << (options.json ? json.dump(2) + "\n" : summary(only.evaluation));
+  write_one(options, results.front());
   return static_cast<int>(ExitCode::done);
 }
 
@@ -259,7 +292,9 @@ void add_evaluate(CLI::App& program, Action& action) {
   CLI::App* verb = program.add_subcommand(
       "evaluate", "Docks many simulated robots, each in a world of its own, and says what that comes to.");
   verb->add_option("--runs", options->runs, "dockings")->check(CLI::Range(1, 10000000))->capture_default_str();
-  verb->add_option("--seed", options->seed, "of the first; each has the next")->capture_default_str();
+  verb->add_option("--seed", options->seed, "of the first; each has the next")
+      ->check(not_negative())
+      ->capture_default_str();
   CampaignWish& wish = options->wish;
   verb->add_option("--strategy", wish.strategy,
                    "servo: ours; paper: Richter et al., one flat tag, 3.45 m and 26 degrees, then odometry alone; both")
@@ -267,8 +302,10 @@ void add_evaluate(CLI::App& program, Action& action) {
       ->capture_default_str();
   verb->add_option("--scenario", options->scenarios,
                    "the world: files (YAML, see data/scenarios), folders of them, or all: those that are shipped");
-  verb->add_option("--start", wish.start, "where it begins: as the scenario says, or as the paper did")
-      ->check(CLI::IsMember({"scenario", "paper"}))
+  verb->add_option("--start", wish.start,
+                   "where it begins: as the scenario says; paper: as the paper did, 3.45 m and 26 degrees; straight: "
+                   "3.45 m and 5 degrees")
+      ->check(CLI::IsMember({"scenario", "paper", "straight"}))
       ->capture_default_str();
   verb->add_option("--config", wish.config, "what the robot knows (YAML, see `dock --write-config`)");
   verb->add_option("--rig", options->rigs, "default, five_megapixel or files; overrides the configuration's");
@@ -280,7 +317,8 @@ void add_evaluate(CLI::App& program, Action& action) {
                    "without images: errors of a corner method, paper, poor, or a file of `evaluate corner-errors`");
   verb->add_option("--law", wish.law, "of the last phase: line, or ViSP's centering")
       ->check(CLI::IsMember({"line", "centering"}));
-  verb->add_flag("--ablation", options->ablation, "path x law x board x corners, on the same seeds");
+  verb->add_flag("--ablation", options->ablation,
+                 "path x law x board x corners on the same seeds, in one world (--scenario)");
   verb->add_option("--teach", options->teach,
                    "on: the robot was put at the dock once and keeps what it saw there; off: it believes the nominal "
                    "docking pose, and what calibration and survey leave stays in the error")
@@ -298,9 +336,15 @@ void add_evaluate(CLI::App& program, Action& action) {
       ->capture_default_str();
   verb->add_option("--jobs", options->jobs, "runs at a time; 0: one a core")->check(CLI::Range(0, 1024));
   verb->add_option("--shard", options->shard, "i/n: only every n-th run, from i (0 to n - 1)");
-  verb->add_option("--join", options->join, "folders of shards: joined into --output");
+  verb->add_option("--join", options->join,
+                   "folders of shards: joined into --output; refused, with what is missing, if runs are");
+  verb->add_flag("--partial", options->partial, "with --join: also where runs are missing; the report says which");
   verb->add_option("--output", options->output, "folder for runs.csv, summary.json, report.html, campaign.yaml");
   verb->add_flag("--json", options->json, "the summary as JSON on stdout");
+  add_step_response(*verb, action);
+  add_paper_tables(*verb, action);
+  add_measurements(*verb, action);
+  // After the subcommands, which would inherit it.
   verb->footer(
       "A campaign that was stopped goes on when the same command is given again. Several strategies, scenarios or "
       "rigs\n"
@@ -314,11 +358,9 @@ void add_evaluate(CLI::App& program, Action& action) {
       "  tagdock evaluate --runs 200 --ablation --output ablation\n"
       "  tagdock evaluate --runs 20 --images on --output seen\n"
       "  tagdock evaluate --runs 100 --images both --output agreement");
-  add_step_response(*verb, action);
-  add_paper_tables(*verb, action);
-  add_measurements(*verb, action);
   verb->callback([options, verb, &action] {
     if (!verb->get_subcommands().empty()) return;  // it has an action of its own
+    options->runs_given = verb->count("--runs") > 0;
     action = [options] { return evaluate_campaign(*options); };
   });
 }

@@ -13,6 +13,7 @@
 #include "app/campaign.h"
 #include "app/campaign_settings.h"
 #include "app/corner_measurement.h"
+#include "app/evaluation_limits.h"
 #include "app/evaluation_report.h"
 #include "app/failure.h"
 #include "app/rig_file.h"
@@ -233,8 +234,12 @@ int evaluate_tracked(const TrackedOptions& options) {
       trace.push_back({reading.time_s + tracked.clock.seconds, base * camera_point(heads.front().config.rig), {}, {}});
     }
   }
-  write(folder / "report.html",
-        to_html(evaluation, data, "tagdock evaluate: dockings that a tracker watched", campaign));
+  CampaignPage page;
+  page.title = "tagdock evaluate: dockings that a tracker watched";
+  page.campaign = campaign;
+  page.truth = "as the tracker saw them";
+  page.limits = html_limits({.simulated = false});
+  write(folder / "report.html", to_html(evaluation, data, page));
   std::cout << campaign << summary(evaluation);
   return static_cast<int>(ExitCode::done);
 }

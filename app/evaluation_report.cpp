@@ -36,6 +36,33 @@ double chance_where(int count, int of, double probability) {
   return 0.5 * (low + high);
 }
 
+// The value below which a chi-squared of so many degrees of freedom stays at a normal's quantile z (Wilson, Hilferty).
+double chi_squared_quantile(double freedom, double z) {
+  const double part = 2.0 / (9.0 * freedom);
+  return freedom * std::pow(1.0 - part + z * std::sqrt(part), 3);
+}
+
+Spread spread_of(const std::vector<Pose2>& errors) {
+  Spread result;
+  result.runs = static_cast<int>(errors.size());
+  for (double Pose2::*const part : {&Pose2::x, &Pose2::y, &Pose2::yaw}) {
+    std::vector<double> values;
+    double mean = 0.0;
+    for (const Pose2& error : errors) {
+      values.push_back(error.*part);
+      mean += error.*part / result.runs;
+    }
+    double sum = 0.0;
+    for (const double value : values) sum += (value - mean) * (value - mean);
+    result.mean.*part = mean;
+    result.sigma.*part = result.runs > 1 ? std::sqrt(sum / (result.runs - 1)) : 0.0;
+    const SigmaBounds bounds = sigma_bounds(values);
+    result.sigma_low.*part = bounds.low * result.sigma.*part;
+    result.sigma_high.*part = bounds.high * result.sigma.*part;
+  }
+  return result;
+}
+
 bool inside(const Pose2& error, double place, double yaw_deg) {
   return std::abs(error.x) <= place && std::abs(error.y) <= place && std::abs(error.yaw) <= radians(yaw_deg);
 }
@@ -72,6 +99,8 @@ nlohmann::ordered_json json_of(const Pose2& pose) { return {{"x", pose.x}, {"y",
 
 }  // namespace
 
+bool came_to_end(const RunRecord& record) { return claims_success(record) || record.sigma.has_value(); }
+
 Share share_of(int count, int of, double confidence) {
   Share share{count, of, 0.0, 1.0};
   if (of == 0) return share;
@@ -79,6 +108,37 @@ Share share_of(int count, int of, double confidence) {
   if (count > 0) share.low = chance_where(count - 1, of, 1.0 - tail);
   if (count < of) share.high = chance_where(count, of, tail);
   return share;
+}
+
+SigmaBounds sigma_bounds(const std::vector<double>& values) {
+  constexpr double z = 1.959964;
+  constexpr std::size_t least = 6;
+  SigmaBounds bounds{0.0, std::numeric_limits<double>::infinity()};
+  if (values.size() < least) return bounds;
+  const auto count = static_cast<double>(values.size());
+  std::vector<double> sorted = values;
+  std::sort(sorted.begin(), sorted.end());
+  // The kurtosis about a mean without the outermost values.
+  const auto cut = static_cast<std::size_t>(count * 0.5 / std::sqrt(count - 4.0));
+  double mean = 0.0;
+  double trimmed = 0.0;
+  for (std::size_t i = 0; i < sorted.size(); ++i) {
+    mean += sorted[i] / count;
+    if (i >= cut && i + cut < sorted.size()) trimmed += sorted[i] / (count - 2.0 * static_cast<double>(cut));
+  }
+  double square = 0.0;
+  double fourth = 0.0;
+  for (const double value : sorted) {
+    square += std::pow(value - mean, 2);
+    fourth += std::pow(value - trimmed, 4);
+  }
+  if (!(square > 0.0)) return {1.0, 1.0};
+  const double kurtosis = count * fourth / (square * square);
+  const double error = std::sqrt(std::max(0.0, (kurtosis - (count - 3.0) / count) / (count - 1.0)));
+  const double corrected = count / (count - z);
+  bounds.low = std::sqrt(corrected * std::exp(-z * corrected * error));
+  bounds.high = std::sqrt(corrected * std::exp(z * corrected * error));
+  return bounds;
 }
 
 double shown_reliability(int failures, int runs, double confidence) {
@@ -102,7 +162,9 @@ Evaluation evaluate(const std::vector<RunRecord>& records) {
   Evaluation result;
   result.runs = static_cast<int>(records.size());
   if (records.empty()) return result;
-  std::array<std::vector<double>, 3> errors;
+  std::array<std::vector<double>, 3> sizes;
+  std::vector<Pose2> errors;
+  std::vector<Pose2> ended;
   std::vector<double> durations;
   std::map<std::string, int> reasons;
   int first = 0;
@@ -111,9 +173,11 @@ Evaluation evaluate(const std::vector<RunRecord>& records) {
   Eigen::Vector3d squares = Eigen::Vector3d::Zero();
   for (const RunRecord& record : records) {
     const Pose2& error = record.true_error;
-    errors[0].push_back(error.x);
-    errors[1].push_back(error.y);
-    errors[2].push_back(error.yaw);
+    errors.push_back(error);
+    if (came_to_end(record)) ended.push_back(error);
+    sizes[0].push_back(std::abs(error.x));
+    sizes[1].push_back(std::abs(error.y));
+    sizes[2].push_back(std::abs(error.yaw));
     durations.push_back(record.duration_s);
     result.mean_duration_s += record.duration_s / result.runs;
     result.mean_attempts += static_cast<double>(record.attempts) / result.runs;
@@ -143,21 +207,13 @@ Evaluation evaluate(const std::vector<RunRecord>& records) {
   }
   if (result.with_sigma > 0) squares /= result.with_sigma;
   result.normalised = {squares.x(), squares.y(), squares.z()};
-  double* const means[] = {&result.mean.x, &result.mean.y, &result.mean.yaw};
-  double* const sigmas[] = {&result.sigma.x, &result.sigma.y, &result.sigma.yaw};
-  double* const p95s[] = {&result.p95.x, &result.p95.y, &result.p95.yaw};
-  for (std::size_t axis = 0; axis < 3; ++axis) {
-    double mean = 0.0;
-    for (const double value : errors[axis]) mean += value / result.runs;
-    double sum = 0.0;
-    for (double& value : errors[axis]) {
-      sum += (value - mean) * (value - mean);
-      value = std::abs(value);
-    }
-    *means[axis] = mean;
-    *sigmas[axis] = result.runs > 1 ? std::sqrt(sum / (result.runs - 1)) : 0.0;
-    *p95s[axis] = quantile(errors[axis], 0.95);
-  }
+  const Spread spread = spread_of(errors);
+  result.mean = spread.mean;
+  result.sigma = spread.sigma;
+  result.sigma_low = spread.sigma_low;
+  result.sigma_high = spread.sigma_high;
+  result.p95 = {quantile(sizes[0], 0.95), quantile(sizes[1], 0.95), quantile(sizes[2], 0.95)};
+  result.ended = spread_of(ended);
   result.first_3mm = share_of(first, result.runs);
   result.all_3mm = share_of(all, result.runs);
   result.all_10mm = share_of(near, result.runs);
@@ -182,7 +238,14 @@ nlohmann::ordered_json to_json(const Evaluation& evaluation, const RunSettings& 
   json["mean"] = json_of(evaluation.mean);
   json["mean_offset_m"] = std::hypot(evaluation.mean.x, evaluation.mean.y);
   json["sigma"] = json_of(evaluation.sigma);
+  json["sigma_95"] = {{"low", json_of(evaluation.sigma_low)}, {"high", json_of(evaluation.sigma_high)}};
   json["p95_abs"] = json_of(evaluation.p95);
+  // Of the runs that came to the dock and measured there: `sigma` has also where the others were left.
+  json["ended"] = {
+      {"runs", evaluation.ended.runs},
+      {"mean", json_of(evaluation.ended.mean)},
+      {"sigma", json_of(evaluation.ended.sigma)},
+      {"sigma_95", {{"low", json_of(evaluation.ended.sigma_low)}, {"high", json_of(evaluation.ended.sigma_high)}}}};
   json["first_attempt_3mm_05deg"] = json_of(evaluation.first_3mm);
   json["success_3mm_05deg"] = json_of(evaluation.all_3mm);
   json["success_10mm_1deg"] = json_of(evaluation.all_10mm);
@@ -203,7 +266,45 @@ nlohmann::ordered_json to_json(const Evaluation& evaluation, const RunSettings& 
   return json;
 }
 
+std::string sigma_words(double sigma, double low, double high, double scale, const char* unit, int decimals) {
+  char text[96];
+  if (std::isfinite(high))
+    std::snprintf(text, sizeof text, "%.*f %s (%.*f to %.*f)", decimals, scale * sigma, unit, decimals, scale * low,
+                  decimals, scale * high);
+  else
+    std::snprintf(text, sizeof text, "%.*f %s (too few runs to bound)", decimals, scale * sigma, unit);
+  return text;
+}
+
+std::string fix_words(const Evaluation& evaluation) {
+  if (evaluation.with_sigma == 0) return "";
+  const double count = evaluation.with_sigma;
+  const double least = chi_squared_quantile(count, -1.959964) / count;
+  const double most = chi_squared_quantile(count, 1.959964) / count;
+  char text[640];
+  std::snprintf(text, sizeof text,
+                "After %d dockings the robot said where it stands, and how sure it is (1 sigma). The error of that "
+                "statement against the truth, in units of its sigma, is squared and averaged (NEES): 1 means that it "
+                "errs as much as it says; for %d runs %.2f to %.2f cannot be told from 1. Below, it is cautious: "
+                "it errs less than it says, and may refuse or try again where it need not. Above, it is too sure of "
+                "itself, and may claim what is not true.",
+                evaluation.with_sigma, evaluation.with_sigma, least, most);
+  std::string words = text;
+  const std::pair<const char*, double> axes[] = {
+      {"x", evaluation.normalised.x}, {"y", evaluation.normalised.y}, {"heading", evaluation.normalised.yaw}};
+  for (const auto& [name, value] : axes) {
+    std::snprintf(text, sizeof text, " %s: NEES %.2f, it errs %.2f times what it says (%s).",
+                  std::string(name) == "heading" ? "Heading" : name, value, std::sqrt(value),
+                  value < least  ? "cautious"
+                  : value > most ? "too sure"
+                                 : "as it says");
+    words += text;
+  }
+  return words;
+}
+
 std::string summary(const Evaluation& evaluation) {
+  if (evaluation.runs == 0) return "no runs (fewer than shards)\n";
   char text[640];
   std::snprintf(text, sizeof text,
                 "%d runs\nmean  x %+.2f mm  y %+.2f mm  yaw %+.3f deg  (offset %.1f mm)\n"
@@ -222,8 +323,11 @@ std::string summary(const Evaluation& evaluation) {
                 evaluation.p99_duration_s, evaluation.mean_attempts);
   result += text;
   if (evaluation.with_sigma > 0) {
-    std::snprintf(text, sizeof text, "normalised error squared of the fix: x %.2f  y %.2f  yaw %.2f (honest: 1)\n",
-                  evaluation.normalised.x, evaluation.normalised.y, evaluation.normalised.yaw);
+    std::snprintf(
+        text, sizeof text,
+        "error of the robot's own fix over the sigma it states: x %.2f  y %.2f  yaw %.2f (as stated: 1; less: "
+        "cautious)\n",
+        std::sqrt(evaluation.normalised.x), std::sqrt(evaluation.normalised.y), std::sqrt(evaluation.normalised.yaw));
     result += text;
   }
   if (evaluation.faults > 0) result += "something broke " + fault_words(evaluation) + "\n";
@@ -252,19 +356,21 @@ std::string html_row(const Evaluation& evaluation, const std::string& name) {
   return "<tr><td>" + html_text(name) + "</td>" + row;
 }
 
-std::string to_html(const Evaluation& evaluation, const FigureData& data, const std::string& title,
-                    const std::string& campaign) {
+std::string to_html(const Evaluation& evaluation, const FigureData& data, const CampaignPage& page) {
   char row[512];
-  std::string html = html_head(title);
-  std::snprintf(row, sizeof row,
-                "<p>%d runs. Errors are of the camera point and heading against the docking pose, as the "
-                "simulator knows them; x is towards the wall (minus the paper's z).</p>\n",
-                evaluation.runs);
-  html += row;
+  std::string html = html_head(page.title) + page.first;
+  html += "<p>" + std::to_string(evaluation.runs) +
+          " runs. Errors are of the camera point and heading against the docking pose, " + html_text(page.truth) +
+          "; x is towards the wall (minus the paper's z).</p>\n";
   html += html_against_others(html_row(evaluation, "this campaign")) + "<table>";
   const auto add = [&](const std::string& what, const std::string& value) {
     html += "<tr><th>" + what + "</th><td>" + html_text(value) + "</td></tr>\n";
   };
+  add("sigma x, y, heading, and their 95 % intervals",
+      sigma_words(evaluation.sigma.x, evaluation.sigma_low.x, evaluation.sigma_high.x, 1e3, "mm", 2) + "; " +
+          sigma_words(evaluation.sigma.y, evaluation.sigma_low.y, evaluation.sigma_high.y, 1e3, "mm", 2) + "; " +
+          sigma_words(evaluation.sigma.yaw, evaluation.sigma_low.yaw, evaluation.sigma_high.yaw, degrees(1.0), "deg",
+                      3));
   add("inside 3 mm, 3 mm, 0.5 deg at the first attempt", percent(evaluation.first_3mm));
   add("the same, with retries", percent(evaluation.all_3mm));
   add("inside 10 mm, 10 mm, 1 deg", percent(evaluation.all_10mm));
@@ -277,16 +383,13 @@ std::string to_html(const Evaluation& evaluation, const FigureData& data, const 
   std::snprintf(row, sizeof row, "mean %.1f s, p99 %.1f s; attempts: mean %.2f", evaluation.mean_duration_s,
                 evaluation.p99_duration_s, evaluation.mean_attempts);
   add("time", row);
-  if (evaluation.with_sigma > 0) {
-    std::snprintf(row, sizeof row, "x %.2f, y %.2f, heading %.2f (1 is honest, less is cautious; %d runs with a fix)",
-                  evaluation.normalised.x, evaluation.normalised.y, evaluation.normalised.yaw, evaluation.with_sigma);
-    add("normalised error squared (NEES) of the robot's own fix", row);
-  }
+  if (evaluation.with_sigma > 0) add("does the robot know how well it stands", fix_words(evaluation));
   if (evaluation.faults > 0) add("something broke on the way", fault_words(evaluation));
-  for (const auto& [reason, count] : evaluation.reasons) add("failed: " + html_text(reason), std::to_string(count));
+  for (const auto& [reason, count] : evaluation.reasons)
+    add("failed: " + html_text(reason), std::to_string(count) + (count == 1 ? " run" : " runs"));
   html += "</table>\n" + figure_10(data) + figure_10_start(data);
   if (!data.traces.empty()) html += figure_9({data}) + figure_8({data});
-  return html + html_limits() + "<h2>Campaign</h2><pre>" + html_text(campaign) + "</pre></body></html>\n";
+  return html + page.limits + "<h2>Campaign</h2><pre>" + html_text(page.campaign) + "</pre></body></html>\n";
 }
 
 }  // namespace tagdock

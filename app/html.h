@@ -10,7 +10,4 @@ std::string html_head(const std::string& title);
 /// Text as it stands in a page or an SVG picture, also between quotes.
 std::string html_text(const std::string& text);
 
-/// What every report of simulated dockings must say (notes on docking, 10), as a list under a heading.
-std::string html_limits();
-
 }  // namespace tagdock

@@ -1,5 +1,6 @@
 #include "app/run_trace.h"
 
+#include <cmath>
 #include <cstdio>
 #include <fstream>
 #include <sstream>
@@ -8,6 +9,26 @@
 #include "app/failure.h"
 
 namespace tagdock {
+
+std::optional<StartLook> start_look(const RunTrace& trace) {
+  constexpr double still = 2e-4;  // m and rad
+  Pose2 sum;
+  int count = 0;
+  for (const TracePoint& point : trace) {
+    const Pose2& first = trace.front().camera_point;
+    const Pose2& now = point.camera_point;
+    if (std::hypot(now.x - first.x, now.y - first.y) > still || std::abs(wrap_angle(now.yaw - first.yaw)) > still)
+      break;
+    if (!point.seen) continue;
+    ++count;
+    sum.x += point.seen->x;
+    sum.y += point.seen->y;
+    sum.yaw += wrap_angle(point.seen->yaw - first.yaw);
+  }
+  if (count == 0) return std::nullopt;
+  const Pose2& truth = trace.front().camera_point;
+  return StartLook{truth, {sum.x / count, sum.y / count, wrap_angle(truth.yaw + sum.yaw / count)}};
+}
 
 void write_trace(const std::filesystem::path& file, const RunTrace& trace) {
   std::ofstream stream(file, std::ios::binary);

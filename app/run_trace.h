@@ -17,6 +17,16 @@ struct TracePoint {
 };
 using RunTrace = std::vector<TracePoint>;
 
+/// The first standstill of a run: where it was, and where its sightings said, on average.
+struct StartLook {
+  Pose2 truth;  ///< camera point, station frame
+  Pose2 seen;
+};
+
+/// None if the robot saw nothing before it moved. Later sightings are of a time before their arrival, so that on the
+/// way the two would differ by what was driven in between.
+std::optional<StartLook> start_look(const RunTrace& trace);
+
 /// A file each run: time_s,x,y,yaw,reprojection_px,seen_x,seen_y,seen_yaw.
 void write_trace(const std::filesystem::path& file, const RunTrace& trace);
 

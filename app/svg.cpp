@@ -150,7 +150,7 @@ void draw_diagram(Svg& svg, const Eigen::Vector2d& corner, double width, double 
   for (auto curve = curves.rbegin(); curve != curves.rend(); ++curve) {
     if (curve->name.empty()) continue;
     svg.text({name_x, corner.y() + 16}, curve->name, 12, "end");
-    name_x -= 7.2 * static_cast<double>(curve->name.size()) + 10;
+    name_x -= 6.2 * static_cast<double>(curve->name.size()) + 10;
     svg.line({name_x - 12, corner.y() + 12}, {name_x + 4, corner.y() + 12}, curve->style);
     name_x -= 22;
   }

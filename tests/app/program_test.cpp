@@ -745,3 +745,88 @@ TEST_CASE("the simulated camera refuses what it cannot do", "[quick]") {
   CHECK(short_one.code == 0);
   CHECK_THAT(short_one.out, Contains("127.0.0.9"));
 }
+
+TEST_CASE("an evaluation that cannot be meant is refused, and says what would be right", "[quick][evaluate]") {
+  const Scratch scratch;
+  const auto refused = [&](const std::string& arguments, const std::string& sentence) {
+    const Run one = run(scratch, "evaluate " + arguments + " --output " + scratch.path("results"));
+    CAPTURE(arguments);
+    CHECK(one.code == 2);
+    CHECK_THAT(one.err, Contains("tagdock: ") && Contains(sentence));
+    CHECK_FALSE(std::filesystem::exists(scratch.folder / "results"));
+  };
+  refused("--runs 0", "--runs");
+  refused("--shard 4/4", "0 to n - 1");
+  refused("--strategy best", "--strategy");
+  refused("--seed -1", "--seed: -1 is no number of 0 or more");
+  refused("--seed 18446744073709551615 --runs 2", "take a smaller one");
+  refused("--rig foo", "--rig foo: is no file, nor one of default and five_megapixel");
+  refused("--board foo", "nor one of one_tag");
+  refused("--corners foo", "--corners foo: is no file, nor one of apriltag");
+  refused("--images on --corners best", "drawn without images");
+  refused("--partial", "--partial goes with --join");
+  refused("--ablation --law line", "--law does not go with --ablation");
+  refused("--ablation --images on", "--images does not go with --ablation");
+  refused("--ablation --scenario data/scenarios", "takes one --scenario file");
+  // A file that is not there is named, also together with --ablation.
+  refused("--ablation --scenario nowhere.yaml", "nowhere.yaml");
+}
+
+TEST_CASE("a campaign that is killed goes on to the same results, and is not joined before", "[evaluate]") {
+  const Scratch scratch;
+  const auto evaluate = [&](const std::string& more, const std::string& folder) {
+    return run(scratch, "evaluate --runs 60 --jobs 2 " + more + " --output " + scratch.path(folder));
+  };
+  CHECK(evaluate("", "whole").code == 0);
+  // Killed as soon as a few runs are written.
+  const std::string killed = scratch.path("killed");
+  const std::string script = std::string(TAGDOCK_PROGRAM) + " evaluate --runs 60 --jobs 1 --output " + killed +
+                             " >/dev/null 2>&1 & while [ \"$(cat " + killed +
+                             "/runs.csv 2>/dev/null | wc -l)\" -lt 4 ]; do sleep 0.01; done; kill -9 $!; wait $!";
+  REQUIRE(WEXITSTATUS(std::system(script.c_str())) == 128 + SIGKILL);
+  const Run early = run(scratch, "evaluate --join " + scratch.path("killed") + " --output " + scratch.path("early"));
+  CHECK(early.code == 2);
+  CHECK_FALSE(std::filesystem::exists(scratch.folder / "early"));
+  CHECK(evaluate("", "killed").code == 0);
+  for (const char* file : {"runs.csv", "summary.json", "report.html"}) {
+    CAPTURE(file);
+    CHECK(contents(scratch.folder / "killed" / file) == contents(scratch.folder / "whole" / file));
+  }
+  CHECK(evaluate("--shard 0/2", "first").code == 0);
+  CHECK(contents(scratch.folder / "first" / "report.html").find("Partial: 30 of 60 runs.") != std::string::npos);
+  const Run one = run(scratch, "evaluate --join " + scratch.path("first") + " --output " + scratch.path("joined"));
+  CHECK(one.code == 2);
+  CHECK_THAT(one.err, Contains("shard 1/2 is in none of the folders: 30 runs"));
+  const Run part =
+      run(scratch, "evaluate --partial --json --join " + scratch.path("first") + " --output " + scratch.path("joined"));
+  CHECK(part.code == 0);
+  CHECK(nlohmann::json::parse(part.out).at("partial").at("of") == 60);
+}
+
+TEST_CASE("a measurement's help is its own, not the campaign's", "[quick][evaluate]") {
+  const Scratch scratch;
+  for (const char* verb :
+       {"step-response", "paper-table1", "paper-table2", "corner-errors", "accuracy-map", "tracked"}) {
+    CAPTURE(verb);
+    const Run one = run(scratch, std::string("evaluate ") + verb + " --help");
+    CHECK(one.code == 0);
+    CHECK_THAT(one.out, !Contains("A campaign that was stopped"));
+  }
+  CHECK_THAT(run(scratch, "evaluate --help").out, Contains("A campaign that was stopped"));
+}
+
+TEST_CASE("an ablation compares in the world it is given, from both starts", "[evaluate]") {
+  const Scratch scratch;
+  const std::string folder = scratch.path("ablation");
+  const Run one =
+      run(scratch,
+          "evaluate --ablation --runs 1 --json --scenario data/scenarios/castor_scrub_1.5.yaml --output " + folder);
+  CHECK(one.code == 0);
+  const auto json = nlohmann::json::parse(one.out);
+  CHECK(json.at("campaigns").size() == 150);  // 2 paths, 3 laws, 5 boards, 5 corners
+  for (const char* path : {"paper", "straight"}) {
+    const auto& campaign = json.at("campaigns").at(std::string(path) + "_start-line-v_convex_centre-best");
+    CHECK(campaign.at("scenario") == "castor_scrub_1.5");
+    CHECK(campaign.at("start") == path);
+  }
+}
