@@ -179,9 +179,9 @@ struct DockingConfig {
   /// Damping a where deviations come from the filter.
   double fused_damping = 0.08;
   /// The line law's L is at least this many of the robot's heading lag: castors that scrub harder get a softer law.
-  /// Docked at the first attempt at twice the scrub: 0.7 98.3 %, 0.8 97.3 % (seeds 20001 to 21500); 0.5 96.8 %, 1.0
-  /// 94.8 % (10001 to 10600).
-  /// %.
+  /// At twice the scrub 0.7 docked 98.3 % at the first attempt, 0.8 97.3 % (seeds 20001 to 21500), 0.5
+  /// 96.8 % and 1.0 94.8 % (seeds 10001 to 10600). The
+  /// reported seeds are others.
   double lengths_per_lag = 0.7;
   LineLawConfig line;
   SwingConfig swing;
