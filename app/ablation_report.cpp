@@ -10,16 +10,10 @@
 
 #include "app/campaign_agreement.h"
 #include "app/html.h"
+#include "app/print.h"
 
 namespace tagdock {
 namespace {
-
-template <typename... Values>
-std::string print(const char* format, Values... values) {
-  char text[640];
-  std::snprintf(text, sizeof text, format, values...);
-  return text;
-}
 
 // A sigma of fewer runs than this is not worth a figure.
 constexpr int enough = 6;

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <cstdio>
 
+#include "app/print.h"
 #include "app/sensor_error_file.h"
 #include "app/simulation/draws.h"
 #include "servo/pose_filter.h"
@@ -13,13 +14,6 @@ namespace tagdock {
 namespace {
 
 constexpr double far_off = radians(3.0);
-
-template <typename... Values>
-std::string print(const char* format, Values... values) {
-  char text[400];
-  std::snprintf(text, sizeof text, format, values...);
-  return text;
-}
 
 // Pose of the lens as a planar point with heading: at a distance and bearing, turned so that the board's centre is at
 // its place in the image (positive places are left of the middle).

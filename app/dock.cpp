@@ -91,17 +91,15 @@ void forget_taught(Config& config) {
 // What was asked, as one configuration that is exactly what a recording will hold.
 Config configuration(const DockOptions& options) {
   Config config = options.config.empty() ? Config{} : read_config(options.config);
-  if (options.docks.empty() != options.dock_name.empty())
-    throw Failure(ExitCode::usage, "--dock NAME and --docks FILE belong together");
-  if (!options.docks.empty()) {
-    const DockEntry dock = find_dock(read_docks(options.docks), options.dock_name);
-    if (!dock.board.empty()) config.board = read_board(std::filesystem::path(options.docks).parent_path() / dock.board);
-    if (dock.dock_pose) config.docking.dock_pose = *dock.dock_pose;
-    if (!dock.board.empty() || dock.dock_pose) forget_taught(config);
-    if (dock.taught) {
+  if (const auto dock = chosen_dock(options.docks, options.dock_name)) {
+    if (!dock->board.empty())
+      config.board = read_board(std::filesystem::path(options.docks).parent_path() / dock->board);
+    if (dock->dock_pose) config.docking.dock_pose = *dock->dock_pose;
+    if (!dock->board.empty() || dock->dock_pose) forget_taught(config);
+    if (dock->taught) {
       config.docking.dock_pose_taught = true;
-      config.docking.dock_pose_covariance = dock.taught->covariance;
-      config.docking.taught_hang = dock.taught->hang;
+      config.docking.dock_pose_covariance = dock->taught->covariance;
+      config.docking.taught_hang = dock->taught->hang;
     }
   }
   if (!options.rig.empty()) config.rig = read_rig(options.rig);

@@ -176,4 +176,10 @@ DockEntry find_dock(const std::vector<DockEntry>& docks, const std::string& name
   throw Failure(ExitCode::usage, "there is no dock " + name + "; the docks are:" + names);
 }
 
+std::optional<DockEntry> chosen_dock(const std::string& file, const std::string& name) {
+  if (file.empty() != name.empty()) throw Failure(ExitCode::usage, "--dock NAME and --docks FILE belong together");
+  if (file.empty()) return std::nullopt;
+  return find_dock(read_docks(file), name);
+}
+
 }  // namespace tagdock

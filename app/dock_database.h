@@ -45,4 +45,8 @@ std::string docks_yaml(const std::vector<DockEntry>& docks);
 /// The dock of a name. Throws Failure(usage) with the names that there are.
 DockEntry find_dock(const std::vector<DockEntry>& docks, const std::string& name);
 
+/// The dock of --dock NAME in --docks FILE; none where neither was given.
+/// Throws Failure(usage): only one of them, or as read_docks and find_dock.
+std::optional<DockEntry> chosen_dock(const std::string& file, const std::string& name);
+
 }  // namespace tagdock

@@ -3,16 +3,10 @@
 #include <cstdio>
 
 #include "app/html.h"
+#include "app/print.h"
 
 namespace tagdock {
 namespace {
-
-template <typename... Values>
-std::string print(const char* format, Values... values) {
-  char text[640];
-  std::snprintf(text, sizeof text, format, values...);
-  return text;
-}
 
 // Of the paper (its section 4.3): measured, what the drive and floor of the simulator are fitted to.
 constexpr double paper_sigma_x = 9.6e-3;   // m

@@ -9,16 +9,10 @@
 #include "app/campaign_agreement.h"
 #include "app/evaluation_figures.h"
 #include "app/html.h"
+#include "app/print.h"
 
 namespace tagdock {
 namespace {
-
-template <typename... Values>
-std::string print(const char* format, Values... values) {
-  char text[640];
-  std::snprintf(text, sizeof text, format, values...);
-  return text;
-}
 
 std::string share(const Share& one) { return print("%.1f %%", 100.0 * one.value()); }
 

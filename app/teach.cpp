@@ -14,6 +14,7 @@
 #include "app/dock_database.h"
 #include "app/failure.h"
 #include "app/output_file.h"
+#include "app/print.h"
 #include "app/rig_file.h"
 #include "app/ros2_options.h"
 #include "app/stop_signal.h"
@@ -46,22 +47,13 @@ struct TeachOptions {
   bool json = false;
 };
 
-template <typename... Values>
-std::string print(const char* format, Values... values) {
-  char text[400];
-  std::snprintf(text, sizeof text, format, values...);
-  return text;
-}
-
 // As `dock` will read it, without what was taught before.
 Config configuration(const TeachOptions& options) {
   Config config = options.config.empty() ? Config{} : read_config(options.config);
-  if (options.docks.empty() != options.dock_name.empty())
-    throw Failure(ExitCode::usage, "--dock NAME and --docks FILE belong together");
-  if (!options.docks.empty()) {
-    const DockEntry dock = find_dock(read_docks(options.docks), options.dock_name);
-    if (!dock.board.empty()) config.board = read_board(std::filesystem::path(options.docks).parent_path() / dock.board);
-    if (dock.dock_pose) config.docking.dock_pose = *dock.dock_pose;
+  if (const auto dock = chosen_dock(options.docks, options.dock_name)) {
+    if (!dock->board.empty())
+      config.board = read_board(std::filesystem::path(options.docks).parent_path() / dock->board);
+    if (dock->dock_pose) config.docking.dock_pose = *dock->dock_pose;
   }
   if (!options.rig.empty()) config.rig = read_rig(options.rig);
   if (!options.board.empty()) config.board = read_board(options.board);

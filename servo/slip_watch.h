@@ -9,9 +9,9 @@
 
 namespace tagdock {
 
-/// Beyond what odometry, castors and unequal wheels explain. Source: notes on docking, 9 (yaw), notes on reliability,
-/// row 17 (place). Castors that turn round push a robot by more than 3 degrees without any slip; so twice what they
-/// are believed to have done is allowed again, and nothing is judged before they have settled to a direction.
+/// Beyond what odometry, castors and unequal wheels explain, and 3 sigma of the sighting. Source: notes on docking, 9
+/// (yaw), notes on reliability, row 17 (place). Castors that turn round push a robot by over 3 degrees without slip; so
+/// twice what they are believed to do is allowed again, and nothing is judged before they have settled to a direction.
 struct SlipConfig {
   double yaw = 0.0524;        ///< rad (3 degrees) ...
   double yaw_way = 0.3;       ///< ... over this way [m]

@@ -64,6 +64,22 @@ TEST_CASE("a single wrong sighting is none, three that are rejected in a row are
   CHECK_THAT(*sentence, Contains("11.5 degrees") && Contains("slip"));
 }
 
+TEST_CASE("a sighting that does not know its yaw is no witness of slip, a sure one is") {
+  for (const double sigma_yaw : {radians(0.1), radians(4.0)}) {
+    SlipWatch watch{SlipConfig{}};
+    PlanarSighting sighting;
+    sighting.covariance.diagonal() << 1e-6, 1e-6, 0.5 * sigma_yaw * sigma_yaw;
+    sighting.bias_covariance(2, 2) = 0.5 * sigma_yaw * sigma_yaw;
+    bool stopped = false;
+    for (int i = 1; i < 10; ++i) {
+      FilterUpdate one = update(SightingUse::rejected, {0.0, 0.0, radians(8.0)}, {});
+      one.sighting = sighting;
+      stopped = stopped || watch.take(one, settled + 0.006 * i);
+    }
+    CHECK(stopped == (sigma_yaw < radians(1.0)));
+  }
+}
+
 TEST_CASE("what was put right before a standstill does not count afterwards") {
   SlipWatch watch{SlipConfig{}};
   const Pose2 large{0.0, 0.0, radians(2.0)};
