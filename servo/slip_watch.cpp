@@ -44,15 +44,11 @@ std::optional<std::string> SlipWatch::take(const FilterUpdate& update, double tr
   const double distance = std::hypot(place.x, place.y);
   // Nor does the camera know better than it says: a flat tag seen head-on tells its yaw by degrees only.
   constexpr double sigmas = 3.0;
-  double unsure_yaw = 0.0;
-  double unsure_place = 0.0;
-  if (update.sighting) {
-    const Eigen::Matrix3d covariance = update.sighting->covariance + update.sighting->bias_covariance;
-    unsure_yaw = sigmas * std::sqrt(covariance(2, 2));
-    unsure_place = sigmas * std::sqrt(covariance(0, 0) + covariance(1, 1));
-  }
-  const bool turned_apart = std::abs(yaw) > config_.yaw + config_.castor_times * turned.castor_turn + unsure_yaw;
-  const bool apart = turned_apart || distance > config_.place + unsure_place;
+  const PlanarSighting unsaid;
+  const PlanarSighting& seen = update.sighting ? *update.sighting : unsaid;
+  const double unsure = sigmas * std::sqrt(seen.covariance(2, 2) + seen.bias_covariance(2, 2));
+  const bool turned_apart = std::abs(yaw) > config_.yaw + config_.castor_times * turned.castor_turn + unsure;
+  const bool apart = turned_apart || distance > config_.place;
   in_a_row_ = apart ? in_a_row_ + 1 : 0;
   if (fused) {
     corrected_.x += update.correction.x;

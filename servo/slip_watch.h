@@ -9,7 +9,7 @@
 
 namespace tagdock {
 
-/// Beyond what odometry, castors and unequal wheels explain, and 3 sigma of the sighting. Source: notes on docking, 9
+/// Beyond what odometry, castors and unequal wheels explain, and 3 sigma of the seen yaw. Source: notes on docking, 9
 /// (yaw), notes on reliability, row 17 (place). Castors that turn round push a robot by over 3 degrees without slip; so
 /// twice what they are believed to do is allowed again, and nothing is judged before they have settled to a direction.
 struct SlipConfig {
