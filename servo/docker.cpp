@@ -108,8 +108,11 @@ void Docker::take_sighting(const Tick& tick, TickResult& result) {
     }
     if (stands(phase_))
       slip_.reset();
-    else if (const auto sentence = slip_.take(*result.sighting, std::abs(travelled_)))
-      slipped_ = Reason{Cause::slipped, *sentence};
+    else if (auto sentence = slip_.take(*result.sighting, std::abs(travelled_))) {
+      if (board->tags.size() == 1)
+        *sentence += "; or the flat tag's mirrored pose was taken for its own: use a board with turned tags";
+      slipped_ = Reason{Cause::slipped, *std::move(sentence)};
+    }
     const bool fused = use == SightingUse::fused || use == SightingUse::fused_without_yaw;
     if (const auto T_odom_base = filter_.T_odom_base(board->time);
         T_odom_base && fused && std::holds_alternative<Fixing>(phase_))
