@@ -67,12 +67,14 @@ std::optional<Reason> Docker::take_odometry(const Tick& tick) {
     return Reason{Cause::robot_link, "the robot sent no odometry; is it switched on and its address right?"};
   }
   std::array<char, 160> text{};
-  if (tick.now - *odometry_arrived_ > limits.max_silence) {
+  // What came last was measured before it came: with half the silence behind it nothing keeps coming.
+  const bool stale = tick.now - odometry_->time > limits.max_silence;
+  if (tick.now - *odometry_arrived_ > (stale ? limits.max_silence / 2 : limits.max_silence)) {
     std::snprintf(text.data(), text.size(), "the robot has been silent for %.0f ms",
-                  1e3 * seconds(tick.now - *odometry_arrived_));
+                  1e3 * seconds(tick.now - (stale ? odometry_->time : *odometry_arrived_)));
     return Reason{Cause::robot_link, text.data()};
   }
-  if (tick.now - odometry_->time > limits.max_silence) {
+  if (stale) {
     std::snprintf(text.data(), text.size(), "the newest odometry is %.0f ms old although it keeps coming",
                   1e3 * seconds(tick.now - odometry_->time));
     return Reason{Cause::odometry_stale, text.data()};
