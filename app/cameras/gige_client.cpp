@@ -797,7 +797,7 @@ class GigeCamera : public Camera {
       const std::lock_guard<std::mutex> lock(mutex_);
       ++health_.overwritten;
     }
-    report();  // again: who was woken by the first may have looked into the box before the frame was in it
+    if (hooks_.frame_ready) hooks_.frame_ready();
     return true;
   }
 

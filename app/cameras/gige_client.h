@@ -12,13 +12,15 @@
 
 namespace tagdock {
 
-/// What a client of a GigE camera needs from whom it works for. Both are called from its threads.
+/// What a client of a GigE camera needs from whom it works for. All are called from its threads.
 struct GigeClientHooks {
   /// Memory for frames: `count` pictures, each with a reference count of its own. Called whenever the camera is opened;
   /// earlier pictures may still be out. Empty: the client's own memory.
   std::function<std::vector<cv::Mat1b>(int count, int rows, int columns)> pictures;
-  /// Something is new: a frame to take, or a state.
+  /// The state or the counts are new; those of a frame are told before it can be taken.
   std::function<void(const CameraHealth&)> changed;
+  /// A frame can be taken.
+  std::function<void()> frame_ready;
   /// Aravis does not come to an end with packets that it got and cannot be stopped: only another process helps. Empty:
   /// it is waited for.
   std::function<void()> stuck;

@@ -92,6 +92,7 @@ class Client {
     GigeClientHooks hooks;
     hooks.pictures = [this](int count, int rows, int columns) { return pictures(count, rows, columns); };
     hooks.changed = [this](const CameraHealth& health) { changed(health); };
+    hooks.frame_ready = [this] { wake(); };
     hooks.stuck = [] { ::_exit(gige_client_stuck); };
     opening_ = std::async(std::launch::async, [request, hooks] {
       return open_gige_client(request.settings, steady_clock::time_point(request.session_start), hooks);
@@ -131,11 +132,13 @@ class Client {
     return pictures;
   }
 
-  /// Called by the client's threads: each state is told, even one that is over soon.
+  /// Called by the client's threads: each state is told, even one that is over soon. Counts wait for their frame: woken
+  /// for them, `run` would look for it too early.
   void changed(const CameraHealth& health) {
+    bool other_state = false;
     {
       const std::lock_guard lock(mutex_);
-      const bool other_state = last_health_.state != health.state || last_health_.reason != health.reason;
+      other_state = last_health_.state != health.state || last_health_.reason != health.reason;
       const bool opened_again = last_health_.state != "streaming" && health.state == "streaming";
       last_health_ = health;
       if (other_state) send_message(socket_, packed(ClientReport(HealthReport{health})));
@@ -145,6 +148,10 @@ class Client {
       if (opened_again) opened_again_ = true;
     }
     changed_ = true;
+    if (other_state) wake();
+  }
+
+  void wake() const {
     const std::uint64_t one = 1;
     (void)!::write(woken_, &one, sizeof one);
   }
@@ -159,6 +166,7 @@ class Client {
     if (opened_again_.exchange(false)) tell_what_was_opened();
     std::optional<CameraFrame> taken = camera_->newest(nanoseconds(0));
     if (!taken) return;
+    if (changed_.exchange(false)) say_how_it_is();  // whoever has the frame finds it counted
     const cv::Mat1b& gray = taken->frame.gray;
     FrameReady ready;
     {
