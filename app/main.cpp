@@ -10,13 +10,13 @@
 #include "app/nearest_word.h"
 #include "app/verbs.h"
 
-int main(int argc, char** argv) {
-  using namespace tagdock;
+namespace tagdock {
+namespace {
+
+int run_verb(int argc, char** argv) {
   CLI::App program("Docks a mobile robot at its station with one camera and AprilTags.", "tagdock");
   program.require_subcommand(1);
   program.set_version_flag("--version", std::string("tagdock " TAGDOCK_VERSION));
-  // The process of the Aravis client (app/cameras/gige.h): not a verb, it says nothing to people.
-  if (argc == 2 && std::string(argv[1]) == gige_client_word) return serve_gige_client(gige_client_socket);
   Action action;
   add_dock(program, action);
   add_undock(program, action);
@@ -45,9 +45,21 @@ int main(int argc, char** argv) {
   }
   try {
     program.parse(argc, argv);
-    return action();
   } catch (const CLI::ParseError& error) {
     return program.exit(error) == 0 ? 0 : static_cast<int>(ExitCode::usage);
+  }
+  return action();
+}
+
+}  // namespace
+}  // namespace tagdock
+
+int main(int argc, char** argv) {
+  using namespace tagdock;
+  try {
+    // The process of the Aravis client (app/cameras/gige.h): not a verb, only tagdock itself starts it.
+    if (argc == 2 && std::string(argv[1]) == gige_client_word) return serve_gige_client(gige_client_socket);
+    return run_verb(argc, argv);
   } catch (const Failure& failure) {
     std::cerr << "tagdock: " << failure.what() << "\n";
     return static_cast<int>(failure.code());

@@ -392,6 +392,7 @@ TEST_CASE("a slip of the pen on the command line is named, with what would be ri
     CHECK_THAT(one.err, Contains("tagdock: ") && Contains(sentence));
   };
   refused("dok", "no verb dok; did you mean dock?");
+  refused("camera-client", "camera-client is started by tagdock itself, not by hand");
   refused("convert --help", "no verb convert");
   refused("", "subcommand");
   refused("dock --robot foo", "--robot");
